@@ -1,0 +1,78 @@
+"""The pinhole camera: pixels `p`, normalised image coordinates `m`, and how a camera sits on a body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noctule.geometry import R_BODY_CAMERA, Array, tilt
+
+
+@dataclass(frozen=True, slots=True)
+class PinholeCamera:
+    """Intrinsics of a camera without distortion (undistort pictures where they are read)."""
+
+    width: int  # [px]
+    height: int  # [px]
+    fx: float  # [px]
+    fy: float  # [px]
+    cx: float  # [px], principal point; the centre of the top left pixel is (0, 0)
+    cy: float  # [px]
+
+    @classmethod
+    def centred(cls, width: int, height: int, focal: float) -> PinholeCamera:
+        """Return a camera of `width` x `height` [px] with square pixels and a central principal point."""
+        return cls(width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0)
+
+    @property
+    def K(self) -> Array:
+        """The (3, 3) calibration matrix."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def centre(self) -> Array:
+        """The principal point, (2,) [px]."""
+        return np.array([self.cx, self.cy])
+
+    @property
+    def focal(self) -> Array:
+        """The focal lengths, (2,) [px]."""
+        return np.array([self.fx, self.fy])
+
+    def normalise(self, p: NDArray[np.floating]) -> Array:
+        """Take pixels (n, 2) to normalised image coordinates (n, 2): K^-1 p."""
+        return (np.asarray(p, dtype=np.float64) - self.centre) / self.focal
+
+    def to_pixels(self, m: NDArray[np.floating]) -> Array:
+        """Take normalised image coordinates (n, 2) to pixels (n, 2): K m."""
+        return np.asarray(m, dtype=np.float64) * self.focal + self.centre
+
+    def project(self, x_camera: Array) -> Array:
+        """Project points (n, 3) [m] in camera coordinates (RDF) to pixels (n, 2); z must be positive."""
+        return self.to_pixels(x_camera[:, :2] / x_camera[:, 2:3])
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMount:
+    """How a front camera sits on the body."""
+
+    t_body_camera: Array = field(default_factory=lambda: np.array([0.09, 0.0, 0.0]))  # (3,) [m], FLU
+    stabilised: bool = True  # True: the picture has neither the body's roll nor its pitch
+
+
+def level_camera_rotation(roll: float, pitch: float) -> Array:
+    """Return the (3, 3) rotation that takes coordinates of a tilted front camera to the levelled camera's.
+
+    `roll` and `pitch` [rad] are the body's (see `geometry.tilt`); both cameras are RDF and share the heading.
+    """
+    return R_BODY_CAMERA.T @ tilt(roll, pitch) @ R_BODY_CAMERA
+
+
+def derotate(m: Array, roll: float, pitch: float) -> Array:
+    """Take normalised coordinates (n, 2) seen by a tilted front camera to those of the levelled camera."""
+    if roll == 0.0 and pitch == 0.0:
+        return np.asarray(m, dtype=np.float64)
+    x = np.column_stack([m, np.ones(len(m))]) @ level_camera_rotation(roll, pitch).T
+    return np.asarray(x[:, :2] / x[:, 2:3])

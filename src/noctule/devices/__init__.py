@@ -1,0 +1,1 @@
+"""What a vehicle and a camera are, and one module per product."""

@@ -1,0 +1,187 @@
+"""What travels between rooms: small frozen records, no behaviour.
+
+Stamps are seconds of the flight's clock at the moment of exposure or measurement, not of arrival.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noctule.geometry import Array, Pose
+
+
+def _no_points() -> Array:
+    return np.empty((0, 2))
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A velocity in the levelled heading frame (FLU)."""
+
+    forward: float = 0.0  # [m/s]
+    left: float = 0.0  # [m/s]
+    up: float = 0.0  # [m/s]
+    yaw_rate: float = 0.0  # [rad/s], counterclockwise
+
+    def as_array(self) -> Array:
+        """Return (forward, left, up, yaw rate) as an array (4,)."""
+        return np.array([self.forward, self.left, self.up, self.yaw_rate])
+
+    @classmethod
+    def from_array(cls, nu: Array) -> Command:
+        """Make a command of an array (4,): forward, left, up [m/s], yaw rate [rad/s]."""
+        return cls(float(nu[0]), float(nu[1]), float(nu[2]), float(nu[3]))
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a vehicle is allowed: speeds per axis and the length of the acceleration vector."""
+
+    forward: float = 0.6  # [m/s]
+    left: float = 0.6  # [m/s]
+    up: float = 0.5  # [m/s]
+    yaw_rate: float = 0.8  # [rad/s]
+    acceleration: float = 1.0  # [m/s^2], norm of the change of the linear velocity
+    yaw_acceleration: float = 2.0  # [rad/s^2]
+
+    @property
+    def speeds(self) -> Array:
+        """The four speed limits, (4,)."""
+        return np.array([self.forward, self.left, self.up, self.yaw_rate])
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A colour picture."""
+
+    stamp: float  # [s], exposure
+    pixels: NDArray[np.uint8]  # (height, width, 3) RGB
+
+
+class FlightState(StrEnum):
+    """What the vehicle says it is doing."""
+
+    LANDED = "landed"
+    TAKING_OFF = "taking_off"
+    FLYING = "flying"
+    LANDING = "landing"
+    EMERGENCY = "emergency"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """What the vehicle reports of itself; None where it does not say."""
+
+    stamp: float  # [s]
+    flight_state: FlightState
+    roll: float | None = None  # [rad], as measured on board, with its error
+    pitch: float | None = None  # [rad]
+    yaw: float | None = None  # [rad], drifts
+    v_body: Array | None = None  # (3,) [m/s], levelled heading frame FLU
+    height: float | None = None  # [m] above the floor
+    battery: float | None = None  # 0 to 1
+    link_quality: float | None = None  # 0 to 1
+
+
+@dataclass(frozen=True, slots=True)
+class MatchRequest:
+    """Asks the worker beside the loop to match this observation's picture to a key image."""
+
+    key_index: int
+
+
+@dataclass(frozen=True, slots=True)
+class MatchResult:
+    """What the worker found: matched points, or the reason why there are none."""
+
+    stamp: float  # [s], exposure of the live picture that was matched
+    key_index: int
+    p_ref: Array  # (n, 2) [px] in the key image
+    p_current: Array  # (n, 2) [px] in the live picture
+    reason: str = ""  # empty when the match is good
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """All that a pilot is told at a tick. There is no field for the truth."""
+
+    stamp: float  # [s], the tick
+    state: VehicleState
+    picture: Picture | None = None  # the newest, None when nothing new came
+    matches: tuple[MatchResult, ...] = ()  # what the worker finished since the last tick
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnBox:
+    """A column seen in the picture: its bounding box and its edges at mid-height."""
+
+    left: float  # [px]
+    top: float  # [px]
+    right: float  # [px]
+    bottom: float  # [px]
+    p1: Array  # (2,) [px], left edge at mid-height
+    p2: Array  # (2,) [px], right edge at mid-height
+
+
+class Outcome(StrEnum):
+    """How a flight ended."""
+
+    REACHED = "reached"
+    COLLIDED = "collided"
+    STUCK = "stuck"
+    LOST = "lost"
+    ABORTED = "aborted"
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnostics:
+    """What the pilot saw and thought at a tick; recorded and drawn, never flown on."""
+
+    target_index: int = 0
+    epsilon_px: float = float("nan")  # mean distance (7) [px]
+    error: Array = field(default_factory=lambda: np.full(6, np.nan))  # (6,) servoing error (e_v, e_w)
+    translation: Array = field(
+        default_factory=lambda: np.full(3, np.nan)
+    )  # (3,) t in mean depths, camera RDF
+    yaw_error: float = float("nan")  # [rad], estimated yaw of the current image against the target's
+    activations: dict[str, float] = field(default_factory=dict)  # task name -> h in [0, 1]
+    points_current: Array = field(default_factory=_no_points)  # (n, 2) [px]
+    points_ref: Array = field(default_factory=_no_points)  # (n, 2) [px]
+    columns: tuple[ColumnBox, ...] = ()
+    task_errors: dict[str, float] = field(default_factory=dict)  # task name -> norm of its error
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What a pilot answers to an observation."""
+
+    command: Command
+    phase: str
+    diagnostics: Diagnostics = field(default_factory=Diagnostics)
+    requests: tuple[MatchRequest, ...] = ()
+    outcome: Outcome | None = None  # the pilot may end with REACHED, LOST or STUCK
+    reason: str = ""
+
+
+class Pilot(Protocol):
+    """A deterministic state machine: it never reads a clock, a file or a device."""
+
+    def step(self, observation: Observation) -> Decision:
+        """Answer one observation; the same sequence of observations gives the same decisions, bit for bit."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What only the recorder and the judge are told, and only in simulation."""
+
+    stamp: float  # [s]
+    pose: Pose
+    v_world: Array  # (3,) [m/s]
+    clearance: float  # [m], hull surface to the nearest column, furniture or person; negative inside
+    contacts: tuple[str, ...] = ()  # names of what the hull touches
