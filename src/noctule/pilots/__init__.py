@@ -1,0 +1,1 @@
+"""What decides: deterministic state machines from observations to decisions."""
