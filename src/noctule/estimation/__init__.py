@@ -1,0 +1,1 @@
+"""Measurements -> state: odometry, where a target image was taken, where a column stands."""

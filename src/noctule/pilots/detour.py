@@ -1,0 +1,210 @@
+"""The avoidance of the law `noctule`: around every column on the side that is nearer.
+
+Each column is a disc: its measured radius, half the vehicle and a margin. Seen from the vehicle a disc hides
+an interval of headings; intervals that overlap are one. When the wanted direction of travel lies in an
+interval, the vehicle flies along the interval's end, on a side that it keeps until the columns are passed.
+A column out of the picture goes on being dead-reckoned, so the vehicle does not cut back into it.
+The result is one task of two rows, forward and left speed, for the top of the hierarchy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from noctule.control.activation import Activation
+from noctule.estimation.column import (
+    ColumnEstimate,
+    ColumnPrior,
+    begin_column,
+    column_distance2,
+    move_column,
+    update_column,
+)
+from noctule.geometry import Array, wrap_angle
+from noctule.pilots.settings import DetourSettings
+
+J_DETOUR: Array = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]])
+"""The task's Jacobian: it demands the forward and the left speed."""
+
+_HITS = 3  # detections before a column is believed: a single false box must not move the vehicle
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedColumn:
+    """A column, how often it was seen, and the side on which it is being passed."""
+
+    estimate: ColumnEstimate
+    hits: int = 1
+    side: int = 0  # +1: pass with the column on the right (go left), -1: the other way, 0: not chosen
+
+
+@dataclass(frozen=True, slots=True)
+class Blocked:
+    """An interval of headings that columns hide."""
+
+    low: float  # [rad], right end
+    high: float  # [rad], left end
+    members: tuple[int, ...]
+
+
+@dataclass(slots=True)
+class Detour:
+    """Tracks columns and answers with the avoidance task."""
+
+    settings: DetourSettings
+    body_radius: float  # [m]
+    camera_ahead: float  # [m]
+    lag: float  # [s], the vehicle answers this late
+    columns: tuple[TrackedColumn, ...] = ()
+    activation: Activation = Activation(0.4)
+    demand: Array = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        """Start without columns."""
+        self.activation = Activation(self.settings.fade_s)
+        self.demand = np.zeros(2)
+
+    @property
+    def prior(self) -> ColumnPrior:
+        """What is expected of a column that was not seen before."""
+        return ColumnPrior(radius=self.settings.assumed_width / 2.0)
+
+    def move(self, step: Array, turn: float, dt: float) -> None:
+        """Dead-reckon every column over `dt` [s]: the body moved by `step` (2,) [m] and turned by `turn`."""
+        moved = (
+            replace(column, estimate=move_column(column.estimate, step, turn, dt, self.prior))
+            for column in self.columns
+        )
+        self.columns = tuple(c for c in moved if not self._forgotten(c))
+
+    def _forgotten(self, column: TrackedColumn) -> bool:
+        e = column.estimate
+        behind = abs(e.x[0]) > np.pi / 2 and -e.centre[0] > self.body_radius + self.settings.margin
+        patience = self.settings.forget_s if column.hits >= _HITS else 0.2
+        return bool(behind or e.unseen > patience)
+
+    def see(self, edges: list[tuple[float | None, float | None]]) -> None:
+        """Take the bearings [rad, left positive] of the edges seen; None where an edge is out of view."""
+        columns = list(self.columns)
+        free = set(range(len(columns)))
+        for left, right in edges:
+            a, b = left if left is not None else right, right if right is not None else left
+            if a is None or b is None:
+                continue
+            near = [
+                (column_distance2(columns[i].estimate, (a, b), self.camera_ahead, self.prior), i)
+                for i in free
+            ]
+            best = min(near, default=(np.inf, -1))
+            if best[0] < 16.0:
+                i = best[1]
+                free.discard(i)
+                estimate = update_column(columns[i].estimate, (left, right), self.camera_ahead, self.prior)
+                columns[i] = replace(columns[i], estimate=estimate, hits=columns[i].hits + 1)
+            elif left is not None and right is not None:
+                columns.append(TrackedColumn(begin_column(left, right, self.camera_ahead, self.prior)))
+        self.columns = tuple(columns)
+
+    def steer(self, wanted: Array, v: Array, goal: Array | None, dt: float) -> tuple[Array, float]:
+        """Return the task's demand (2,) [m/s] and its activation.
+
+        Parameters
+        ----------
+        wanted
+            Velocity that the tasks below want, (2,) [m/s]: forward, left.
+        v
+            Velocity now, (2,) [m/s].
+        goal
+            Where the flight ends, (2,) [m], when that is near; None while it goes on beyond.
+        dt
+            Tick [s].
+        """
+        speed = float(np.linalg.norm(wanted))
+        heading = float(np.arctan2(wanted[1], wanted[0]))
+        discs = self._discs(v, goal)
+        on = False
+        demand = wanted.copy()
+        for blocked in merge_blocked(discs):
+            if speed < 1e-6 or not blocked.low < heading < blocked.high:
+                continue
+            side = self._side(blocked, heading)
+            end = blocked.high if side > 0 else blocked.low
+            turn = end - heading
+            on = True
+            # A sharp turn is flown slowly, so that the vehicle does not drift on into the column.
+            slow = max(0.35, float(np.cos(min(abs(turn), np.pi / 2))))
+            demand = speed * slow * np.array([np.cos(end), np.sin(end)])
+            break
+        push = np.zeros(2)
+        for centre, radius, _ in discs:
+            d = float(np.linalg.norm(centre))
+            if d < radius:
+                push -= 1.5 * (radius - d) * centre / max(d, 1e-6)
+        if push.any():
+            on = True
+            demand = demand + push
+        if on:
+            self.demand = demand
+        elif self.activation.h > 0.0:
+            # While fading out the demand follows what is wanted, but never towards a column.
+            self.demand = demand
+        self.activation = self.activation.step(on, dt)
+        return self.demand, self.activation.h
+
+    def _discs(self, v: Array, goal: Array | None) -> list[tuple[Array, float, int]]:
+        """Return (centre (2,), radius, index) of the columns that matter now."""
+        discs = []
+        for i, column in enumerate(self.columns):
+            if column.hits < _HITS:
+                continue
+            e = column.estimate
+            centre = e.centre - self.lag * v  # where it will be once the vehicle answers
+            radius = e.radius + self.body_radius + self.settings.margin
+            if goal is not None:
+                reach = float(np.linalg.norm(goal - e.centre))
+                # A target inside the disc: keep what the target itself keeps, but never touch.
+                radius = max(min(radius, reach - 0.02), e.radius + self.body_radius + 0.05)
+                if float(np.linalg.norm(goal)) < e.distance - radius:
+                    continue
+            # The distance is uncertain before the column has loomed: act on its near end.
+            near = e.distance * np.exp(-min(float(np.sqrt(e.P[1, 1])), 0.7)) - radius
+            if near > self.settings.reach:
+                continue
+            discs.append((centre, radius, i))
+        return discs
+
+    def _side(self, blocked: Blocked, heading: float) -> int:
+        """Return the side already chosen for this group of columns, else choose the nearer and keep it."""
+        chosen = [self.columns[i].side for i in blocked.members if self.columns[i].side]
+        side = chosen[0] if chosen else (1 if blocked.high - heading <= heading - blocked.low else -1)
+        columns = list(self.columns)
+        for i in blocked.members:
+            columns[i] = replace(columns[i], side=side)
+        self.columns = tuple(columns)
+        return side
+
+
+def merge_blocked(discs: list[tuple[Array, float, int]]) -> list[Blocked]:
+    """Return the intervals of headings hidden by discs (centre (2,), radius [m], index), overlaps merged."""
+    intervals = []
+    for centre, radius, i in discs:
+        d = float(np.linalg.norm(centre))
+        bearing = float(np.arctan2(centre[1], centre[0]))
+        half = float(np.arcsin(radius / d)) if d > radius else np.pi / 2
+        intervals.append(Blocked(bearing - half, bearing + half, (i,)))
+    intervals.sort(key=lambda b: b.low)
+    merged: list[Blocked] = []
+    for b in intervals:
+        if merged and b.low <= merged[-1].high:
+            last = merged[-1]
+            merged[-1] = Blocked(last.low, max(last.high, b.high), last.members + b.members)
+        else:
+            merged.append(b)
+    return merged
+
+
+def bearing_of(x: float) -> float:
+    """Return the bearing [rad, left positive] of a levelled normalised image coordinate x (right positive)."""
+    return wrap_angle(-float(np.arctan(x)))
