@@ -1,0 +1,1 @@
+"""From pictures to measurements: features, matches, tracks, homographies, columns. Plain functions."""
