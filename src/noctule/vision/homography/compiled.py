@@ -1,0 +1,15 @@
+"""Numba with its types kept: a compiled function looks to the reader and the type checker like the Python one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def compiled(function: F) -> F:
+    """Compile `function` on its first call and cache the machine code beside its source file."""
+    return cast(F, numba.njit(cache=True, error_model="numpy")(function))
