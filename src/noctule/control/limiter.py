@@ -66,6 +66,8 @@ def limit_command(wanted: Array, previous: Array, limits: Limits, dt: float) -> 
 
 def _approach(start: Array, end: Array, reach: float) -> Array:
     """Go from `start` towards `end`, no farther than `reach`."""
+    if reach <= 0.0:  # the norm of a denormal change underflows to 0, so it would pass for none
+        return start
     change = end - start
     distance = float(np.linalg.norm(change))
     if distance <= reach * _ALLOWED:
