@@ -159,7 +159,7 @@ def test_the_command_is_continuous_in_each_activation(seed, h1, h2, change):
 
 
 @given(SEEDS, st.lists(st.tuples(st.booleans(), st.booleans()), min_size=5, max_size=40))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_the_command_is_continuous_under_random_switching(seed, switches):
     rng = np.random.default_rng(seed)
     (a, m), bottom, dt = draw_tasks(rng, (1.0, 1.0)), rng.normal(size=4), 1.0 / 30.0

@@ -11,10 +11,10 @@ from noctule.errors import NoctuleError
 from noctule.geometry import Array
 
 RELATIVE_CUT = 1e-6
-"""Singular values of J N below this part of the largest one of J count as zero."""
+"""Singular values of J N below this part of the (Frobenius) norm of J count as zero."""
 
 ABSOLUTE_CUT = 1e-12
-"""A Jacobian whose largest singular value is below this says nothing about the motion."""
+"""A Jacobian whose norm is below this says nothing about the motion."""
 
 
 class HierarchyError(NoctuleError):
@@ -48,7 +48,7 @@ def solve_hierarchy(tasks: Sequence[tuple[Array, Array, float]], bottom: Array) 
     to 159 %. Both agree when every h is 1.
 
     Undamped: the bottom task has J = I and needs no damping, and damping would spoil the tasks above.
-    Singular values of J N below 1e-6 of the largest of J are cut, so that a task's unit does not matter. A
+    Singular values of J N below 1e-6 of the norm of J are cut, so that a task's unit does not matter. A
     task whose activation is 0 has its shape checked and is otherwise not read. k tasks that are fading cost
     2^k solutions.
 
@@ -81,7 +81,7 @@ def _descend(tasks: list[TaskRows], bottom: Array, nu: Array, Z: Array) -> Array
 
 def _serve(J: Array, demand: Array, nu: Array, Z: Array) -> tuple[Array, Array]:
     """Return nu + (J N)^+ (demand - J nu) and the basis of what is free below this task."""
-    size = np.linalg.norm(J, 2) if J.size else 0.0
+    size = float(np.linalg.norm(J))
     if size < ABSOLUTE_CUT:
         return nu, Z
     U, s, Vt = np.linalg.svd(J @ Z / size)
