@@ -1,0 +1,166 @@
+"""The simulated camera as the flight loop sees it: the `Camera` protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from noctule.camera import CameraMount, PinholeCamera
+from noctule.devices.protocols import DeviceError, StaleFrameError
+from noctule.geometry import Pose
+from noctule.messages import Picture
+from noctule.simulation.aircraft import Aircraft
+from noctule.simulation.dynamics import STEPS_PER_SECOND
+from noctule.simulation.spec import CameraSpec
+
+NOISE_BANK = 1 << 22  # values; each picture takes a run of it at a place of its own
+SLACK = 1e-9  # [s], stamps are multiples of 1/300 s
+
+Draw = Callable[[Pose], NDArray[np.uint8]]
+
+
+class Shutter:
+    """Notes the pose at every exposure and draws the picture when it is asked for.
+
+    A picture that nobody reads costs nothing; one that is read shows the moment of its exposure.
+    """
+
+    def __init__(
+        self, spec: CameraSpec, aircraft: Aircraft, draw: Draw, seed: np.random.SeedSequence
+    ) -> None:
+        self._spec = spec
+        self._aircraft = aircraft
+        self._draw = draw
+        self._noise = PixelNoise(spec.noise, seed)
+        self._count = 0
+        self._due = 0  # step of the next exposure
+        self._latency = round(spec.latency * STEPS_PER_SECOND)
+        self._waiting: list[tuple[int, int, Pose]] = []  # (number, step of exposure, pose)
+        self._newest: tuple[int, int, Pose] | None = None
+        self._drawn: tuple[int, Picture] | None = None
+
+    def step(self) -> None:
+        """Expose when it is time; call it at every step, the first one at time 0."""
+        step = self._aircraft.steps
+        if step >= self._due:
+            self._waiting.append((self._count, step, self._aircraft.pose))
+            self._count += 1
+            self._due = round(self._count * STEPS_PER_SECOND / self._spec.rate)
+        while self._waiting and self._waiting[0][1] + self._latency <= step:
+            self._newest = self._waiting.pop(0)
+
+    @property
+    def newest(self) -> tuple[int, float] | None:
+        """(number, stamp) of the newest picture that has been delivered."""
+        return None if self._newest is None else (self._newest[0], self._newest[1] / STEPS_PER_SECOND)
+
+    def picture(self) -> Picture:
+        """Return the newest delivered picture; call it only where there is one."""
+        assert self._newest is not None
+        number, step, pose = self._newest
+        if self._drawn is None or self._drawn[0] != number:
+            pixels = self._noise.add(self._draw(pose), number)
+            pixels.setflags(write=False)
+            self._drawn = (number, Picture(step / STEPS_PER_SECOND, pixels))
+        return self._drawn[1]
+
+
+class PixelNoise:
+    """Gaussian noise that depends on the picture's number only, not on which pictures are drawn."""
+
+    def __init__(self, sd: float, seed: np.random.SeedSequence) -> None:
+        self._sd = sd
+        self._entropy = seed.generate_state(4)
+        self._bank: NDArray[np.int8] | None = None
+
+    def add(self, pixels: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
+        """Return the picture with the noise of picture `number`, cut to 0 to 255."""
+        if self._sd == 0.0:
+            return pixels
+        if self._bank is None:
+            values = np.random.default_rng(self._entropy).standard_normal(NOISE_BANK, dtype=np.float32)
+            self._bank = np.clip(np.rint(self._sd * values), -127, 127).astype(np.int8)
+        size = pixels.size
+        bank = self._bank if size < NOISE_BANK else np.resize(self._bank, size + 1)
+        offset = int(np.random.default_rng([*self._entropy, number]).integers(len(bank) - size))
+        noise = bank[offset : offset + size].reshape(pixels.shape)
+        return np.asarray(cv2.add(pixels, noise, dtype=cv2.CV_8U), dtype=np.uint8)
+
+
+class SimulatedCamera:
+    """Implements `noctule.devices.protocols.Camera` in a simulated world."""
+
+    def __init__(
+        self,
+        spec: CameraSpec,
+        shutter: Shutter,
+        now: Callable[[], float],
+        sleep_until: Callable[[float], None],
+    ) -> None:
+        self._spec = spec
+        self.__shutter = shutter
+        self._now = now
+        self._sleep_until = sleep_until
+        self._open = False
+        self._read = -1
+
+    @property
+    def intrinsics(self) -> PinholeCamera:
+        """The pinhole."""
+        return self._spec.intrinsics
+
+    @property
+    def mount(self) -> CameraMount:
+        """How it sits on the body."""
+        return self._spec.mount
+
+    @property
+    def live(self) -> bool:
+        """Whether it is open."""
+        return self._open
+
+    def open(self) -> None:
+        """Start the stream."""
+        self._open = True
+
+    def close(self) -> None:
+        """Stop the stream."""
+        self._open = False
+
+    def read(self, timeout: float) -> Picture:
+        """Wait up to `timeout` [s] for a picture not read before; simulated time passes while it waits.
+
+        With a timeout of 0 time stands still and only what is already there is returned.
+        """
+        self._check_open()
+        deadline = self._now() + timeout
+        while True:
+            newest = self.__shutter.newest
+            if newest is not None and newest[0] > self._read:
+                self._read = newest[0]
+                return self.__shutter.picture()
+            if self._now() + SLACK >= deadline:
+                raise DeviceError(
+                    f"simulated camera: no new picture in {timeout:g} s; "
+                    f"expected one every {1.0 / self._spec.rate:.3f} s: wait longer"
+                )
+            self._sleep_until(min(deadline, self._now() + 1.0 / STEPS_PER_SECOND))
+
+    def latest(self, max_age: float) -> Picture:
+        """Peek at the newest picture; raises StaleFrameError when its age is above `max_age` [s]."""
+        self._check_open()
+        newest = self.__shutter.newest
+        age = float("inf") if newest is None else self._now() - newest[1]
+        if age > max_age + SLACK:
+            raise StaleFrameError(
+                f"simulated camera: newest picture is {age:.3f} s old, allowed are {max_age:.3f} s; "
+                "is the clock running, and is the camera's latency below that?"
+            )
+        return self.__shutter.picture()
+
+    def _check_open(self) -> None:
+        if not self._open:
+            raise DeviceError("simulated camera: not open; call open() first")

@@ -1,0 +1,131 @@
+"""A simulated world: a room, a vehicle in it, its camera, a clock that makes it move, and the referee."""
+
+from __future__ import annotations
+
+import math
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noctule.geometry import Pose
+from noctule.messages import Picture, Truth
+from noctule.simulation.aircraft import Aircraft
+from noctule.simulation.camera import PixelNoise, Shutter, SimulatedCamera
+from noctule.simulation.clearance import Clearance
+from noctule.simulation.dynamics import STEPS_PER_SECOND
+from noctule.simulation.layout import draw_layout
+from noctule.simulation.renderer import Renderer, camera_pose
+from noctule.simulation.scene import build_scene
+from noctule.simulation.spec import CameraSpec, RoomSpec, VehicleSpec, WorldSpec
+from noctule.simulation.vehicle import SimulatedVehicle
+
+
+class SimulatedClock:
+    """Implements `noctule.devices.protocols.Clock`: time passes only in `sleep_until`."""
+
+    def __init__(self, aircraft: Aircraft, shutter: Shutter) -> None:
+        self.__aircraft = aircraft
+        self.__shutter = shutter
+
+    def now(self) -> float:
+        """Return the simulated time [s]."""
+        return self.__aircraft.now
+
+    def sleep_until(self, stamp: float) -> None:
+        """Move the world, in steps of 1/300 s, until `stamp` [s] or just past it; the past is no error."""
+        last = math.ceil(stamp * STEPS_PER_SECOND - 1e-6)
+        while self.__aircraft.steps < last:
+            self.__aircraft.step()
+            self.__shutter.step()
+
+
+class SimulatedReferee:
+    """Implements `noctule.devices.protocols.Referee`."""
+
+    def __init__(self, aircraft: Aircraft, clearance: Clearance) -> None:
+        self._aircraft = aircraft
+        self._clearance = clearance
+
+    def truth(self) -> Truth:
+        """Return the true state now; the clearance is that of the tilted hull."""
+        pose, m = self._aircraft.pose, self._aircraft.motion
+        clearance, contacts = self._clearance.measure(pose)
+        return Truth(self._aircraft.now, pose, np.array([m.vx, m.vy, m.vz]), clearance, contacts)
+
+
+class SimulatedWorld:
+    """A room with a vehicle in it. Close it, or use it in a with block.
+
+    The same settings and seed give the same flight bit for bit. Looks of the room, gusts, the errors of
+    reports and the pixels' noise have random streams of their own: one does not shift another. Nothing is drawn,
+    and no OpenGL is needed, before the first picture is read.
+    """
+
+    def __init__(
+        self,
+        room: RoomSpec,
+        vehicle: VehicleSpec,
+        camera: CameraSpec,
+        start: Pose,
+        seed: int,
+        *,
+        start_flying: bool = True,
+    ) -> None:
+        gusts, reports, pixels, photographs = np.random.SeedSequence(seed).spawn(4)
+        self.room = room
+        self._camera_spec = camera
+        self._layout = draw_layout(room)
+        self._aircraft = Aircraft(vehicle, start, start_flying, (gusts, reports))
+        self._clearance = Clearance(self._layout, vehicle)
+        self._renderer: Renderer | None = None
+        self._shutter = Shutter(camera, self._aircraft, self._draw, pixels)
+        self._shutter.step()
+        self._photo_noise = PixelNoise(camera.noise, photographs)
+        self._photos = 0
+        self.clock = SimulatedClock(self._aircraft, self._shutter)
+        self.vehicle = SimulatedVehicle(self._aircraft, connected=False)
+        self.camera = SimulatedCamera(camera, self._shutter, self.clock.now, self.clock.sleep_until)
+        self.referee = SimulatedReferee(self._aircraft, self._clearance)
+
+    @classmethod
+    def from_spec(cls, spec: WorldSpec, *, start_flying: bool = True) -> Self:
+        """Make the world that a description, for example a TOML file's, asks for."""
+        start = Pose(np.array([spec.start.x, spec.start.y, spec.start.z]), spec.start.yaw)
+        return cls(spec.room, spec.vehicle, spec.camera, start, spec.seed, start_flying=start_flying)
+
+    def photograph(self, pose: Pose, *, noisy: bool = False) -> Picture:
+        """Return what the vehicle's camera would see from `pose`, whatever flies; stamped with the present."""
+        pixels = self._draw(pose)
+        if noisy:
+            pixels = self._photo_noise.add(pixels, self._photos)
+            self._photos += 1
+        return Picture(self._aircraft.now, pixels)
+
+    def clearance(self, pose: Pose) -> tuple[float, tuple[str, ...]]:
+        """Return (clearance [m], contacts) of the hull at `pose`: for planning experiments, not for pilots."""
+        return self._clearance.measure(pose)
+
+    def close(self) -> None:
+        """Free the renderer; idempotent."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def __enter__(self) -> Self:
+        """Return the world."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def _draw(self, pose: Pose) -> NDArray[np.uint8]:
+        spec = self._camera_spec
+        if self._renderer is None:
+            self._renderer = Renderer(build_scene(self._layout), spec.intrinsics)
+        mount = spec.mount
+        return self._renderer.draw(*camera_pose(pose, mount.t_body_camera, mount.stabilised))
