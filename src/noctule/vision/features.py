@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from noctule.errors import NoctuleError
 from noctule.geometry import Array
+from noctule.vision.sift import upright_sift
+from noctule.vision.spreading import bucket
 
 Pixels = NDArray[np.uint8]
 
@@ -21,12 +23,10 @@ class UnknownFeatureKindError(NoctuleError):
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Points of one picture with their descriptors, the strongest first."""
+    """Points of one picture with their descriptors, the most useful first."""
 
     p: Array  # (n, 2) [px], the centre of the top left pixel is (0, 0)
-    descriptors: (
-        NDArray[np.float32] | Pixels
-    )  # (n, d): float32 of unit length for "sift", uint8 bits for "orb"
+    descriptors: NDArray[np.float32] | Pixels  # (n, d): of unit length for "sift", 8 bits a byte for "orb"
     kind: str
 
     def __len__(self) -> int:
@@ -41,50 +41,19 @@ def gray(pixels: Pixels) -> Pixels:
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
-def bucket(p: Array, strength: Array, shape: tuple[int, int], limit: int) -> NDArray[np.intp]:
-    """Return the indices of at most `limit` points, strong and well spread, in a fixed order.
-
-    The picture of `shape` (height, width) [px] is cut into square cells; the strongest point of every
-    cell comes before the second strongest of any.
-    """
-    order = np.lexsort((p[:, 0], p[:, 1], -strength))
-    if len(order) == 0:
-        return order
-    side = max(1.0, float(np.sqrt(4.0 * shape[0] * shape[1] / max(limit, 1))))
-    cells = np.floor(p[order] / side).astype(np.int64)
-    key = cells[:, 1] * (int(shape[1] / side) + 2) + cells[:, 0]
-    by_cell = np.argsort(key, kind="stable")
-    first = np.flatnonzero(np.diff(key[by_cell], prepend=key[by_cell][0] - 1))
-    sizes = np.diff(first, append=len(key))
-    rank = np.empty(len(key), dtype=np.int64)
-    rank[by_cell] = np.arange(len(key)) - np.repeat(first, sizes)
-    return order[np.argsort(rank, kind="stable")[:limit]]
-
-
-def _keypoint_arrays(keypoints: list[cv2.KeyPoint]) -> tuple[Array, Array]:
-    p = np.array([k.pt for k in keypoints], dtype=np.float64).reshape(-1, 2)
-    return p, np.array([k.response for k in keypoints], dtype=np.float64)
-
-
 def _sift(brightness: Pixels, limit: int) -> Features:
-    # The precise upscale removes a bias of a quarter pixel that the default has.
-    detector = cv2.SIFT.create(nfeatures=2 * limit, enable_precise_upscale=True)
-    keypoints, raw = detector.detectAndCompute(brightness, None)
-    if raw is None:
-        return Features(np.empty((0, 2)), np.empty((0, 128), dtype=np.float32), "sift")
-    p, strength = _keypoint_arrays(keypoints)
-    chosen = bucket(p, strength, brightness.shape, limit)
-    root = np.sqrt(raw[chosen] / np.maximum(raw[chosen].sum(axis=1, keepdims=True), 1e-9))
-    return Features(p[chosen], root, "sift")
+    p, descriptors = upright_sift(brightness, limit)
+    return Features(p, descriptors, "sift")
 
 
 def _orb(brightness: Pixels, limit: int) -> Features:
-    keypoints, raw = cv2.ORB.create(nfeatures=2 * limit).detectAndCompute(brightness, None)
-    if raw is None:
+    keypoints, bits = cv2.ORB.create(nfeatures=2 * limit).detectAndCompute(brightness, None)
+    if bits is None:
         return Features(np.empty((0, 2)), np.empty((0, 32), dtype=np.uint8), "orb")
-    p, strength = _keypoint_arrays(keypoints)
-    chosen = bucket(p, strength, brightness.shape, limit)
-    return Features(p[chosen], raw[chosen], "orb")
+    p = np.array([k.pt for k in keypoints], dtype=np.float64)
+    strength = np.array([k.response for k in keypoints], dtype=np.float64)
+    chosen = bucket(p, strength, (brightness.shape[0], brightness.shape[1]), limit)
+    return Features(p[chosen], np.asarray(bits, dtype=np.uint8)[chosen], "orb")
 
 
 DETECTORS: dict[str, Callable[[Pixels, int], Features]] = {"sift": _sift, "orb": _orb}
@@ -94,8 +63,10 @@ DETECTORS: dict[str, Callable[[Pixels, int], Features]] = {"sift": _sift, "orb":
 def detect(pixels: Pixels, kind: str = "sift", limit: int = 800) -> Features:
     """Find at most `limit` features of a gray (height, width) or RGB (height, width, 3) picture.
 
-    They are spread over the picture (see `bucket`) and their order depends on nothing but the picture.
-    A picture without texture gives no features. Raises UnknownFeatureKindError.
+    "sift" is upright: it matches pictures whose roll differs by up to about 15 degrees and whose scale by
+    up to two, to 0.25 px (median). "orb" turns with the picture, but is good to 0.7 px only.
+    They are spread over the picture (see `spreading.bucket`) and their order depends on nothing but the
+    picture. A picture without texture gives no features. Raises UnknownFeatureKindError.
     """
     detector = DETECTORS.get(kind)
     if detector is None:

@@ -12,8 +12,10 @@ from noctule.camera import PinholeCamera
 from noctule.errors import NoctuleError
 from noctule.geometry import Array
 from noctule.vision.features import Features
+from noctule.vision.spreading import Index, spread
 
-Index = NDArray[np.intp]
+__all__ = ["FeatureKindError", "Matches", "match", "match_robust", "robust_geometry", "spread"]
+
 _SCALE = 500.0  # OpenCV's robust estimators have absolute tolerances made for pixels
 
 
@@ -39,7 +41,7 @@ class Matches:
 def _unit_vectors(features: Features) -> NDArray[np.float32]:
     if features.descriptors.dtype == np.uint8:
         # Bits as +-1: the squared distance of two such unit vectors is 4 / bits times their Hamming distance.
-        signs = 2.0 * np.unpackbits(features.descriptors, axis=1).astype(np.float32) - 1.0
+        signs = 2.0 * np.unpackbits(features.descriptors.view(np.uint8), axis=1).astype(np.float32) - 1.0
         return np.asarray(signs / np.sqrt(np.float32(max(signs.shape[1], 1))), dtype=np.float32)
     return np.asarray(features.descriptors, dtype=np.float32)
 
@@ -134,24 +136,3 @@ def match_robust(
         )
         return Matches(nothing, nothing, n_ratio, np.empty(0), reason)
     return Matches(p_ref[keep], p_current[keep], n_ratio, quality[keep])
-
-
-def spread(p: Array, width: int, height: int, most: int = 60, weights: Array | None = None) -> Index:
-    """Return the indices, ascending, of at most `most` points (n, 2) [px], well spread over the picture.
-
-    Greedy farthest point selection in the `width` x `height` picture, where the distance of a point is
-    multiplied by its weight (n,) > 0 (1 without `weights`), so of two neighbours the better one stays.
-    """
-    n = len(p)
-    if n <= most:
-        return np.arange(n)
-    scaled = np.asarray(p, dtype=np.float64) / max(width, height)
-    w = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
-    centre = np.array([width, height]) / (2.0 * max(width, height))
-    chosen = np.empty(most, dtype=np.intp)
-    chosen[0] = np.argmax(w * (0.1 + np.linalg.norm(scaled - centre, axis=1)))
-    nearest = np.sum((scaled - scaled[chosen[0]]) ** 2, axis=1)
-    for k in range(1, most):
-        chosen[k] = np.argmax(nearest * w * w)
-        nearest = np.minimum(nearest, np.sum((scaled - scaled[chosen[k]]) ** 2, axis=1))
-    return np.sort(chosen)

@@ -121,7 +121,7 @@ def _affine(p: Array, q: Array) -> Array:
     weight = np.ones(len(p))
     X = np.zeros((3, 2))
     for _ in range(4):
-        X = np.linalg.lstsq(A * weight[:, None], q * weight[:, None], rcond=None)[0]
+        X[:] = np.linalg.lstsq(A * weight[:, None], q * weight[:, None], rcond=None)[0]
         residual = np.linalg.norm(A @ X - q, axis=1)
         weight = 1.0 / np.sqrt(1.0 + (residual / (2.0 * np.median(residual) + 0.5)) ** 2)
     return np.asarray(X.T)
