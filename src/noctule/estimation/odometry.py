@@ -31,11 +31,14 @@ class OdometryPose:
 class Odometry:
     """Integrates velocity and yaw, and remembers the last second so that pictures find their own pose.
 
-    When the vehicle reports neither velocity nor yaw, the commands go through the first-order lag that the
-    flight expects (eq. (1) of Toro-Arcila et al. with a lag: a quadcopter does not jump to its command).
+    The velocity is predicted by the first-order lag that the flight expects of a command (eq. (1) of
+    Toro-Arcila et al. with a lag: a quadcopter does not jump to its command) and corrected by what the
+    vehicle reports, so that a noisy report costs no delay. A vehicle that reports neither velocity nor yaw
+    is flown on the prediction alone.
     """
 
     lag: float = 0.3  # [s], expected response of the vehicle to a velocity command
+    trust: float = 0.2  # share of a reported velocity's difference that is taken over at a report
     keep: float = 1.5  # [s], how long poses are remembered
     _poses: list[OdometryPose] = field(default_factory=list)
     _yaw_reported: float | None = None
@@ -77,7 +80,9 @@ class Odometry:
         last = self.now
         dt = stamp - last.stamp
         self._nu = self._nu + (1.0 - np.exp(-dt / self.lag)) * (command - self._nu)
-        v = self._nu[:3].copy() if v_heading is None else np.asarray(v_heading, dtype=np.float64)
+        if v_heading is not None:
+            self._nu[:3] += self.trust * (v_heading - self._nu[:3])
+        v = self._nu[:3].copy()
         if yaw is None or self._yaw_reported is None:
             turn = self._nu[3] * dt
         else:

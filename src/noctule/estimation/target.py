@@ -2,8 +2,8 @@
 
 A homography gives the target's position t only in units of the scene's mean depth. The target does not move
 and neither does the scene, so while the vehicle moves by a known amount the change of t tells the depth
-(scale from motion). An extended Kalman filter of four states does both at once and bridges the ticks
-without a picture.
+(scale from motion). An extended Kalman filter does both at once, finds the bias of the vehicle's own
+velocity on the way, and bridges the ticks without a picture.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ class TargetPrior:
 
     depth: float = 3.0  # [m], harmonic mean depth of the scene in the target image
     depth_log_sd: float = 0.6  # sd of log(depth): a factor of 1.8 either way
-    drift: float = 0.03  # [m / sqrt(s)], random walk of the odometry frame against the room
+    drift: float = 0.02  # [m / sqrt(s)], random walk of the odometry frame against the room
+    bias_sd: float = 0.04  # [m/s], bias of the odometry's velocity
+    bias_walk: float = 0.01  # [m/s / sqrt(s)]
     yaw_drift: float = 0.01  # [rad / sqrt(s)]
     t_floor: float = 0.002  # [mean depths], noise of t below which no covariance is believed
     yaw_floor: float = 0.0015  # [rad]
@@ -33,8 +35,8 @@ class TargetEstimate:
     """The target's camera pose in the odometry frame, with the depth that scales it."""
 
     stamp: float  # [s]
-    x: Array  # (5,): position [m] in odometry, log(depth / 1 m), yaw [rad] of the target in odometry
-    P: Array  # (5, 5)
+    x: Array  # (8,): position [m] and yaw (at 4) [rad] in odometry, log(depth / 1 m) (at 3), bias (5 to 7)
+    P: Array  # (8, 8)
 
     @property
     def position(self) -> Array:
@@ -50,6 +52,11 @@ class TargetEstimate:
     def yaw(self) -> float:
         """The target's heading in the odometry frame [rad]."""
         return float(self.x[4])
+
+    @property
+    def velocity_bias(self) -> Array:
+        """What the odometry's velocity has too much, (3,) [m/s], heading frame."""
+        return self.x[5:8]
 
 
 def _measured(t_heading: Array, yaw: float, camera: Array, pose: OdometryPose, depth: float) -> Array:
@@ -67,6 +74,7 @@ def begin_target(
     prior: TargetPrior,
     depth: float | None = None,
     depth_log_sd: float | None = None,
+    bias: tuple[Array, Array] | None = None,
 ) -> TargetEstimate:
     """Start an estimate from one measurement.
 
@@ -86,20 +94,24 @@ def begin_target(
         Prior and noise.
     depth, depth_log_sd
         Replace the prior's depth, when a neighbouring image has already told it.
+    bias
+        Velocity bias (3,) and its covariance (3, 3), when a neighbouring image has already told it.
     """
     depth = prior.depth if depth is None else depth
     log_sd = prior.depth_log_sd if depth_log_sd is None else depth_log_sd
     R = pose.R_odom_heading
     camera = pose.position + R @ lever
     measured = _measured(t_heading, yaw, camera, pose, depth)
-    x = np.array([*measured[:3], np.log(depth), measured[3]])
-    P = np.zeros((5, 5))
+    b, P_b = (np.zeros(3), prior.bias_sd**2 * np.eye(3)) if bias is None else bias
+    x = np.array([*measured[:3], np.log(depth), measured[3], *b])
+    P = np.zeros((8, 8))
     ray = R @ t_heading * depth
     C = _noise(covariance, prior)
     P[:3, :3] = depth**2 * R @ C[1:, 1:] @ R.T + np.outer(ray, ray) * log_sd**2
     P[:3, 3] = P[3, :3] = ray * log_sd**2
     P[3, 3] = log_sd**2
     P[4, 4] = C[0, 0]
+    P[5:, 5:] = P_b
     return TargetEstimate(pose.stamp, x, P)
 
 
@@ -120,30 +132,35 @@ def update_target(
 ) -> tuple[TargetEstimate, bool]:
     """Predict to the picture's exposure and update with one measurement (see `begin_target`).
 
-    Measurement model: t = R(yaw_odom)' (q - c) / Z and yaw = yaw_odom - yaw_target, with q the target's
-    position, c the current camera's, Z the depth. Returns the new estimate and whether the measurement
-    passed the chi-square gate (4 degrees of freedom); outside it only the prediction is kept.
+    Prediction: the odometry counts a bias b too much, so in its frame what stands still moves by R b dt.
+    Measurement: t = R(yaw_odom)' (q - c) / Z and yaw = yaw_odom - yaw_target, with q the target's position,
+    c the current camera's, Z the depth. Returns the new estimate and whether the measurement passed the
+    chi-square gate (4 degrees of freedom); outside it only the prediction is kept.
     """
     dt = max(pose.stamp - estimate.stamp, 0.0)
-    P = estimate.P + np.diag([*[prior.drift**2 * dt] * 3, 1e-6 * dt, prior.yaw_drift**2 * dt])
     R = pose.R_odom_heading
+    F = np.eye(8)
+    F[:3, 5:] = R * dt
+    walk = np.array([*[prior.drift**2] * 3, 1e-6, prior.yaw_drift**2, *[prior.bias_walk**2] * 3])
+    predicted = F @ estimate.x
+    P = F @ estimate.P @ F.T + np.diag(walk * dt)
     camera = pose.position + R @ lever
     depth = estimate.depth
-    expected = R.T @ (estimate.position - camera) / depth
-    H = np.zeros((4, 5))
+    expected = R.T @ (predicted[:3] - camera) / depth
+    H = np.zeros((4, 8))
     H[0, 4] = -1.0
     H[1:, :3] = R.T / depth
     H[1:, 3] = -expected
     residual = np.append(wrap_angle(yaw - wrap_angle(pose.yaw - estimate.yaw)), t_heading - expected)
     S = H @ P @ H.T + _noise(covariance, prior)
-    gain = np.linalg.solve(S, H @ P).T  # (5, 4)
+    gain = np.linalg.solve(S, H @ P).T  # (8, 4)
     accepted = bool(residual @ np.linalg.solve(S, residual) <= gate)
     if not accepted:
-        return TargetEstimate(pose.stamp, estimate.x, P), False
-    x = estimate.x + gain @ residual
+        return TargetEstimate(pose.stamp, predicted, P), False
+    x = predicted + gain @ residual
     x[4] = wrap_angle(float(x[4]))
     # Joseph form: stays symmetric and positive when the measurement is far better than the prediction.
-    A = np.eye(5) - gain @ H
+    A = np.eye(8) - gain @ H
     P = A @ P @ A.T + gain @ _noise(covariance, prior) @ gain.T
     return TargetEstimate(pose.stamp, x, P), True
 

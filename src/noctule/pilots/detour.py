@@ -9,7 +9,7 @@ The result is one task of two rows, forward and left speed, for the top of the h
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,13 +58,11 @@ class Detour:
     camera_ahead: float  # [m]
     lag: float  # [s], the vehicle answers this late
     columns: tuple[TrackedColumn, ...] = ()
-    activation: Activation = Activation(0.4)
-    demand: Array = None  # type: ignore[assignment]
+    activation: Activation = field(init=False)
 
     def __post_init__(self) -> None:
         """Start without columns."""
         self.activation = Activation(self.settings.fade_s)
-        self.demand = np.zeros(2)
 
     @property
     def prior(self) -> ColumnPrior:
@@ -131,11 +129,11 @@ class Detour:
                 continue
             side = self._side(blocked, heading)
             end = blocked.high if side > 0 else blocked.low
-            turn = end - heading
             on = True
+            along = np.array([np.cos(end), np.sin(end)])
             # A sharp turn is flown slowly, so that the vehicle does not drift on into the column.
-            slow = max(0.35, float(np.cos(min(abs(turn), np.pi / 2))))
-            demand = speed * slow * np.array([np.cos(end), np.sin(end)])
+            swerve = float(np.linalg.norm(v - (v @ along) * along))
+            demand = max(0.35, 1.0 - 2.0 * swerve / speed) * speed * along
             break
         push = np.zeros(2)
         for centre, radius, _ in discs:
@@ -145,13 +143,8 @@ class Detour:
         if push.any():
             on = True
             demand = demand + push
-        if on:
-            self.demand = demand
-        elif self.activation.h > 0.0:
-            # While fading out the demand follows what is wanted, but never towards a column.
-            self.demand = demand
         self.activation = self.activation.step(on, dt)
-        return self.demand, self.activation.h
+        return demand, self.activation.h
 
     def _discs(self, v: Array, goal: Array | None) -> list[tuple[Array, float, int]]:
         """Return (centre (2,), radius, index) of the columns that matter now."""
@@ -206,5 +199,5 @@ def merge_blocked(discs: list[tuple[Array, float, int]]) -> list[Blocked]:
 
 
 def bearing_of(x: float) -> float:
-    """Return the bearing [rad, left positive] of a levelled normalised image coordinate x (right positive)."""
+    """Return the bearing [rad, left positive] of a levelled normalised coordinate x (right positive)."""
     return wrap_angle(-float(np.arctan(x)))

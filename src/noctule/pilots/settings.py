@@ -68,7 +68,9 @@ class PilotSettings(Settings):
     attitude_sd_deg: float = Field(
         0.0, ge=0, le=5, description="error of the attitude that comes with a picture [deg]; 0: stabilised"
     )
-    min_points: int = Field(16, ge=8, le=200, description="fewer tracked points than this: stop and match again")
+    min_points: int = Field(
+        16, ge=8, le=200, description="fewer tracked points than this: stop and match again"
+    )
     max_points: int = Field(60, ge=16, le=400, description="points tracked at the most")
     rematch_s: float = Field(0.7, gt=0, le=10, description="time between matches to the key image [s]")
     give_up_s: float = Field(6.0, gt=0, le=120, description="lost for this long: give up [s]")
