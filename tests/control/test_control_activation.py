@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from noctule.control.activation import Activation, ActivationError, FadingTask
+from noctule.control.hierarchy import TaskRows
 from noctule.control.transition import Transition
 
 STEPS = st.lists(st.tuples(st.booleans(), st.floats(0.0, 0.2)), min_size=1, max_size=60)
@@ -58,6 +59,11 @@ def test_a_task_forgets_its_rows_when_it_is_off():
     task = FadingTask(Activation(0.2)).step((J, DEMAND), 0.1).step(None, 1.0)
     assert task.rows == ()
     assert task.J is None
+
+
+def test_the_activation_of_the_rows_that_come_in_does_not_count():
+    ((_, _, h),) = FadingTask(Activation(1.0)).step(TaskRows(J, DEMAND, 1.0), 0.5).rows
+    assert h == pytest.approx(0.5)
 
 
 def test_a_task_that_was_never_seen_has_no_rows():

@@ -64,6 +64,20 @@ def test_limiting_twice_is_limiting_once(wanted, previous, dt):
     np.testing.assert_array_equal(limit_command(once, previous, LIMITS, dt), once)
 
 
+def test_limiting_twice_is_limiting_once_from_rest_in_any_direction():
+    for wanted in np.random.default_rng(2).normal(size=(300, 4)):
+        once = limit_command(wanted, np.zeros(4), LIMITS, 1.0 / 30.0)
+        np.testing.assert_array_equal(limit_command(once, np.zeros(4), LIMITS, 1.0 / 30.0), once)
+
+
+@given(ANY, INSIDE, st.floats(0.01, 0.1))
+def test_a_step_stays_within_the_limit_when_the_tick_is_rounded_a_little_short(wanted, previous, dt):
+    nu = limit_command(wanted, previous, LIMITS, dt)
+    short = dt * (1.0 - 0.9e-9)
+    assert np.linalg.norm(nu[:3] - previous[:3]) <= LIMITS.acceleration * short
+    assert abs(nu[3] - previous[3]) <= LIMITS.yaw_acceleration * short
+
+
 @given(INSIDE)
 def test_a_feasible_command_is_passed_as_it_is(previous):
     step = 0.5 * np.array([0.01, -0.005, 0.002, 0.03])

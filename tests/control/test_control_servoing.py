@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from noctule.control.servoing import (
-    R_FRD_CAMERA,
     body_velocity,
     camera_twist,
     camera_twist_matrix,
@@ -127,10 +126,6 @@ def test_the_camera_twist_matrix_is_the_derivative_of_the_cameras_pose(nu):
 @given(TWISTS)
 def test_the_body_velocity_undoes_the_camera_twist(nu):
     np.testing.assert_allclose(body_velocity(camera_twist_matrix(MOUNT) @ nu, MOUNT), nu, atol=1e-15)
-
-
-def test_the_forward_right_down_frame_is_the_body_frame_turned_about_forward():
-    np.testing.assert_array_equal(R_FRD_CAMERA, np.diag([1.0, -1.0, -1.0]) @ R_BODY_CAMERA)
 
 
 @given(arrays(np.float64, 6, elements=st.floats(-2.0, 2.0)))

@@ -65,11 +65,14 @@ class FadingTask:
     J: Array | None = None  # (m, 4), of the last time it was wanted
     demand: Array | None = None  # (m,)
 
-    def step(self, rows: tuple[Array, Array] | None, dt: float) -> FadingTask:
-        """Return the task `dt` [s] later: `rows` = (J, demand) while it is wanted, None while it is not."""
+    def step(self, rows: TaskRows | tuple[Array, Array] | None, dt: float) -> FadingTask:
+        """Return the task `dt` [s] later: `rows` while it is wanted, None while it is not.
+
+        `rows` is (J, demand) or a `TaskRows`, whose own activation does not count.
+        """
         activation = self.activation.step(rows is not None, dt)
         if rows is not None:
-            return FadingTask(activation, *rows)
+            return FadingTask(activation, rows[0], rows[1])
         if activation.phase == 0.0:
             return FadingTask(activation)
         return replace(self, activation=activation)

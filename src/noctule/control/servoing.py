@@ -11,8 +11,8 @@ import numpy as np
 
 from noctule.geometry import R_BODY_CAMERA, Array, skew
 
-R_FRD_CAMERA: Array = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-R_FRD_CAMERA.setflags(write=False)
+_R_FRD_CAMERA: Array = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+_R_FRD_CAMERA.setflags(write=False)
 _FLU_OF_FRD = np.array([1.0, -1.0, -1.0])  # forward stays, right becomes left, down becomes up
 
 
@@ -97,8 +97,8 @@ def body_velocity(nu_c: Array, t_body_camera: Array) -> Array:
     `camera_twist_matrix` exactly.
     """
     t_frd = _FLU_OF_FRD * t_body_camera
-    v_frd = R_FRD_CAMERA @ nu_c[:3]
-    w_frd = np.array([0.0, 0.0, (R_FRD_CAMERA @ nu_c[3:])[2]])
+    v_frd = _R_FRD_CAMERA @ nu_c[:3]
+    w_frd = np.array([0.0, 0.0, (_R_FRD_CAMERA @ nu_c[3:])[2]])
     v_flu = _FLU_OF_FRD * (v_frd + skew(t_frd) @ w_frd)
     return np.array([v_flu[0], v_flu[1], v_flu[2], -w_frd[2]])
 
