@@ -78,6 +78,12 @@ def test_a_step_stays_within_the_limit_when_the_tick_is_rounded_a_little_short(w
     assert abs(nu[3] - previous[3]) <= LIMITS.yaw_acceleration * short
 
 
+def test_a_step_of_exactly_the_limit_is_cut_to_a_hair_under_it():
+    nu = limit_command(np.array([0.1, 0.0, 0.0, -0.2]), np.zeros(4), LIMITS, 0.1)
+    assert 0.1 * (1.0 - 3e-9) <= nu[0] <= 0.1 * (1.0 - 1e-9)
+    assert 0.2 * (1.0 - 3e-9) <= -nu[3] <= 0.2 * (1.0 - 1e-9)
+
+
 @given(INSIDE)
 def test_a_feasible_command_is_passed_as_it_is(previous):
     step = 0.5 * np.array([0.01, -0.005, 0.002, 0.03])
