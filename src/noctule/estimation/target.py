@@ -26,6 +26,8 @@ class TargetPrior:
     bias_sd: float = 0.04  # [m/s], bias of the odometry's velocity
     bias_walk: float = 0.01  # [m/s / sqrt(s)]
     yaw_drift: float = 0.01  # [rad / sqrt(s)]
+    depth_walk: float = 0.04  # [1 / sqrt(s)], of log(depth): the mean is over the points in sight, and they go
+    depth_jump: float = 0.12  # of log(depth), when fresh points join
     t_floor: float = 0.002  # [mean depths], noise of t below which no covariance is believed
     yaw_floor: float = 0.0015  # [rad]
 
@@ -128,22 +130,28 @@ def update_target(
     pose: OdometryPose,
     lever: Array,
     prior: TargetPrior,
+    fresh: bool = False,
     gate: float = 25.0,
 ) -> tuple[TargetEstimate, bool]:
     """Predict to the picture's exposure and update with one measurement (see `begin_target`).
 
     Prediction: the odometry counts a bias b too much, so in its frame what stands still moves by R b dt.
     Measurement: t = R(yaw_odom)' (q - c) / Z and yaw = yaw_odom - yaw_target, with q the target's position,
-    c the current camera's, Z the depth. Returns the new estimate and whether the measurement passed the
+    c the current camera's, Z the depth: the mean over the points in sight, so it changes with them, the more
+    when `fresh` points have joined. Returns the new estimate and whether the measurement passed the
     chi-square gate (4 degrees of freedom); outside it only the prediction is kept.
     """
     dt = max(pose.stamp - estimate.stamp, 0.0)
     R = pose.R_odom_heading
     F = np.eye(8)
     F[:3, 5:] = R * dt
-    walk = np.array([*[prior.drift**2] * 3, 1e-6, prior.yaw_drift**2, *[prior.bias_walk**2] * 3])
+    walk = np.array(
+        [*[prior.drift**2] * 3, prior.depth_walk**2, prior.yaw_drift**2, *[prior.bias_walk**2] * 3]
+    )
     predicted = F @ estimate.x
     P = F @ estimate.P @ F.T + np.diag(walk * dt)
+    if fresh:
+        P[3, 3] += prior.depth_jump**2
     camera = pose.position + R @ lever
     depth = estimate.depth
     expected = R.T @ (predicted[:3] - camera) / depth

@@ -31,7 +31,7 @@ def link_geometries(path: VisualPath, optics: Optics, attitude_sd: float) -> tup
         back = estimate_homography(m_here, m_ahead, "upright", attitude_sd)
         sighting = sighting_of(View(k + 1, origin, forward, link.p_next, link.p_ref, 0.0))
         # One baseline, measured in the mean depths of either image.
-        ratio = float(np.linalg.norm(back.t) / max(np.linalg.norm(forward.t), 1e-6))
+        ratio = float(np.linalg.norm(back.t)) / max(float(np.linalg.norm(forward.t)), 1e-6)
         found.append(LinkGeometry(sighting.t_heading, float(np.clip(ratio, 0.3, 3.0))))
     return tuple(found)
 

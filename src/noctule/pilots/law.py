@@ -24,6 +24,7 @@ class View:
     p_ref: Array  # (n, 2) [px], inliers
     p_current: Array  # (n, 2) [px]
     epsilon_px: float  # mean distance (7) [px]
+    fresh: bool = False  # points of a new match joined: the mean depth is another one
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ def sighting_of(view: View) -> Sighting:
     e = view.estimate
     x = _HEADING_FROM_CAMERA @ np.append(e.yaw, e.t)
     covariance = _HEADING_FROM_CAMERA @ e.covariance @ _HEADING_FROM_CAMERA.T
-    return Sighting(view.index, view.pose, x[1:], float(x[0]), covariance)
+    return Sighting(view.index, view.pose, x[1:], float(x[0]), covariance, view.fresh)
 
 
 @dataclass(slots=True)

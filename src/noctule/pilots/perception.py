@@ -62,6 +62,7 @@ class Perception:
     _asked: dict[int, float] = field(default_factory=dict)  # index -> [s] when it was asked for last
     _pending: dict[tuple[float, int], Pyramid] = field(default_factory=dict)
     _references: dict[int, Pyramid] = field(default_factory=dict)
+    _judged: dict[int, float] = field(default_factory=dict)  # index -> `matched` of the last view
     _ticks: int = 0
 
     @property
@@ -146,7 +147,9 @@ class Perception:
             good = estimate.inliers
             if int(good.sum()) >= self.settings.min_points:
                 p_ref, p = tracks.p_ref[good], tracks.p[good]
-                views[index] = View(index, pose, estimate, p_ref, p, mean_distance(p, p_ref))
+                fresh = tracks.matched > self._judged.get(index, -np.inf)
+                views[index] = View(index, pose, estimate, p_ref, p, mean_distance(p, p_ref), fresh)
+                self._judged[index] = tracks.matched
             self.tracks[index] = tracks.judged(estimate)
         return views
 

@@ -36,6 +36,7 @@ class Sighting:
     t_heading: Array  # (3,) [mean depths] to the target camera, heading frame FLU
     yaw: float  # [rad] of the current camera against the target's, positive when turned left
     covariance: Array  # (4, 4) of (yaw, t_heading)
+    fresh: bool = False  # points of a new match joined
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,7 @@ class ProgressLaw:
         known = self.targets.get(i)
         measured = (sighting.t_heading, sighting.yaw, sighting.covariance, sighting.pose, self.lever)
         if known is not None:
-            self.targets[i], agreed = update_target(known, *measured, self.prior)
+            self.targets[i], agreed = update_target(known, *measured, self.prior, sighting.fresh)
             self.rejected[i] = 0 if agreed else self.rejected.get(i, 0) + 1
             # The way back: what disagrees for a third of a second is the truth, and what was known is not.
             if self.rejected[i] < 10:
