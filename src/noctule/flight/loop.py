@@ -1,0 +1,337 @@
+"""The flight loop: it polls the devices, asks the pilot, lets the supervisor rule, sends, and records."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from noctule.devices.protocols import Camera, Clock, DeviceError, Referee, StaleFrameError, Vehicle
+from noctule.errors import NoctuleError
+from noctule.flight.fence import DeadReckoning
+from noctule.flight.progress import Show
+from noctule.flight.recording import FlightRecorder, RecordingError, sent_message
+from noctule.flight.summary import Samples
+from noctule.flight.supervisor import Action, Bounds, Inputs, Ruling, State, supervise
+from noctule.flight.worker import Matcher, MatchWorker
+from noctule.geometry import Pose
+from noctule.messages import (
+    Command,
+    Decision,
+    FlightState,
+    MatchResult,
+    Observation,
+    Outcome,
+    Picture,
+    Pilot,
+    Truth,
+    VehicleState,
+)
+
+_BRAKE_LIMIT = 3.0  # [s] to come to rest after the end
+_LAND_LIMIT = 15.0  # [s] to reach the ground
+_TAKEOFF_LIMIT = 20.0  # [s]
+_RESTING = 0.05  # [m/s]
+
+
+class Aborted(NoctuleError):
+    """The flight was ended from outside; the recording can be read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """What flies: the devices on one clock, and the referee where there is one."""
+
+    clock: Clock
+    vehicle: Vehicle
+    camera: Camera
+    referee: Referee | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSettings:
+    """How the loop runs."""
+
+    rate_hz: float = 30.0
+    time_limit_s: float = 120.0
+    match_delay_s: float | None = 0.15  # simulated delay of the matching worker; None: real life
+    valid_for_s: float = 0.25  # a command that nothing follows expires after this
+    land_at_end: bool = True
+    height: float = 1.0  # [m], of the take-off where the vehicle stands on the ground
+
+
+@dataclass(slots=True)
+class Flown:
+    """What a flight came to; filled while it lasts."""
+
+    outcome: Outcome | None = None
+    reason: str = ""
+    error: BaseException | None = None  # to be raised when all is closed
+    begin: float = 0.0  # [s], the pilot's first tick
+    end: float = 0.0  # [s], the outcome
+    wall: float = 0.0  # [s] of wall time between the two
+    samples: Samples = field(default_factory=Samples)
+    phase: str = ""
+
+    @property
+    def realtime_factor(self) -> float | None:
+        """Seconds of flight per second of wall time."""
+        return (self.end - self.begin) / self.wall if self.wall > 0.0 else None
+
+    def finish(self, outcome: Outcome, reason: str, error: BaseException | None = None) -> None:
+        """Set the outcome; the first one stands."""
+        if self.outcome is None:
+            self.outcome, self.reason, self.error = outcome, reason, error
+
+
+@contextmanager
+def _interruptible() -> Iterator[threading.Event]:
+    """Turn the first Ctrl-C into an event, so that it never tears a tick apart; the second interrupts."""
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+
+    def on_signal(number: int, frame: object) -> None:
+        if asked.is_set():
+            raise KeyboardInterrupt
+        asked.set()
+
+    before = signal.signal(signal.SIGINT, on_signal)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class _Loop:
+    """One flight. `step` is a tick."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        settings: LoopSettings,
+        bounds: Bounds,
+        worker: MatchWorker,
+        recorder: FlightRecorder | None,
+        start: Pose,
+        sent: list[Command],
+    ) -> None:
+        self.sent = sent
+        self.rig, self.settings, self.bounds = rig, settings, bounds
+        self.worker, self.recorder = worker, recorder
+        self.dt = 1.0 / settings.rate_hz
+        self.origin = rig.clock.now()
+        self.count = 0
+        self.stamp = self.origin
+        self.supervisor = State.FLYING
+        self.previous = Command()
+        self.reckoning = DeadReckoning(np.array(start.position, dtype=np.float64), start.yaw)
+        self.picture: Picture | None = None
+        self.landing = False
+
+    def wait(self) -> None:
+        """Sleep to the next tick; ticks that were missed are left out."""
+        now = self.rig.clock.now()
+        self.count += 1
+        if now > self.origin + (self.count + 1) * self.dt:
+            self.count = int(np.ceil((now - self.origin) / self.dt))
+        self.rig.clock.sleep_until(self.origin + self.count * self.dt)
+        self.stamp = self.rig.clock.now()
+
+    def new_picture(self) -> Picture | None:
+        """Return the newest picture if it was not seen before."""
+        try:
+            picture = self.rig.camera.latest(self.bounds.picture_age)
+        except StaleFrameError:
+            return None
+        if self.picture is not None and picture.stamp <= self.picture.stamp:
+            return None
+        self.picture = picture
+        return picture
+
+    def rule(self, wanted: Command, state: VehicleState, hover: bool, land: bool, elapsed: float) -> Ruling:
+        """Let the supervisor decide."""
+        self.reckoning = self.reckoning.advance(state, self.previous.as_array(), elapsed)
+        seen = self.origin if self.picture is None else self.picture.stamp
+        inputs = Inputs(
+            wanted=wanted,
+            dt=self.dt,
+            # Nobody looks at pictures any more once the flight is being ended.
+            picture_age=0.0 if hover or land else self.stamp - seen,
+            state_age=self.stamp - state.stamp,
+            flight_state=state.flight_state,
+            battery=state.battery,
+            position=self.reckoning.position,
+            yaw=self.reckoning.yaw,
+            margin=self.reckoning.margin(self.bounds.fence),
+            hover_asked=hover,
+            land_asked=land,
+        )
+        ruling = supervise(self.supervisor, inputs, self.previous, self.bounds)
+        self.supervisor = ruling.state
+        return ruling
+
+    def execute(self, ruling: Ruling) -> Command:
+        """Do what the supervisor decided; returns what was really sent."""
+        vehicle = self.rig.vehicle
+        if ruling.action == Action.EMERGENCY:
+            vehicle.emergency()
+            sent = ruling.command
+        elif ruling.action == Action.NOTHING:
+            sent = ruling.command
+        elif ruling.action == Action.LAND and ruling.command == Command():
+            if not self.landing:
+                vehicle.land()
+            self.landing = True
+            sent = ruling.command
+        else:
+            sent = vehicle.send(ruling.command, self.settings.valid_for_s)
+        self.previous = sent
+        self.sent.append(sent)
+        return sent
+
+    def fly_tick(self, pilot: Pilot, flown: Flown) -> None:
+        """One tick with the pilot."""
+        before, state, picture = self.stamp, self.rig.vehicle.state(), self.new_picture()
+        matches = self.worker.collect(self.stamp)
+        begin = time.perf_counter()
+        decision = pilot.step(Observation(self.stamp, state, picture, matches))
+        ruling = self.rule(decision.command, state, False, False, self.dt if flown.samples.times else 0.0)
+        tick_ms = 1e3 * (time.perf_counter() - begin)
+        sent = self.execute(ruling)
+        if self.picture is not None:
+            for request in decision.requests:
+                self.worker.submit(request, self.picture, before)
+        flown.phase, flown.end = decision.phase, self.stamp
+        flown.samples.times.append(self.stamp)
+        flown.samples.tick_ms.append(tick_ms)
+        flown.samples.epsilons.append(decision.diagnostics.epsilon_px)
+        truth = self.record(state, picture, matches, ruling, sent, decision, tick_ms)
+        self.judge(flown, decision, ruling, truth)
+
+    def record(
+        self,
+        state: VehicleState,
+        picture: Picture | None,
+        matches: tuple[MatchResult, ...],
+        ruling: Ruling,
+        sent: Command,
+        decision: Decision | None = None,
+        tick_ms: float = 0.0,
+    ) -> Truth | None:
+        """Record the tick and return the truth, where there is one."""
+        truth = None if self.rig.referee is None else self.rig.referee.truth()
+        if self.recorder is not None:
+            asked = Command() if decision is None else decision.command
+            message = sent_message(self.stamp, asked, sent, ruling.state, ruling.action, ruling.reason)
+            self.recorder.tick(self.stamp, state, picture, matches, truth, message, decision, tick_ms)
+        return truth
+
+    def judge(self, flown: Flown, decision: Decision, ruling: Ruling, truth: Truth | None) -> None:
+        """See whether this tick was the last."""
+        if truth is not None:
+            flown.samples.truths.append(truth)
+            if truth.contacts or truth.clearance <= 0.0:
+                touched = ", ".join(truth.contacts) or "something"
+                flown.finish(Outcome.COLLIDED, f"touched {touched}")
+        if ruling.state in (State.LANDING, State.LANDED, State.EMERGENCY):
+            flown.finish(Outcome.ABORTED, f"the supervisor ended the flight: {ruling.reason}")
+        if decision.outcome is not None:
+            flown.finish(decision.outcome, decision.reason)
+        if self.stamp - flown.begin >= self.settings.time_limit_s - 0.5 * self.dt:
+            limit = self.settings.time_limit_s
+            flown.finish(Outcome.STUCK, f"the time limit of {limit:g} s has passed")
+
+    def end(self, land: bool) -> None:
+        """Brake to hover, then land if asked to."""
+        begin, resting = self.stamp, False
+        while self.supervisor not in (State.LANDED, State.EMERGENCY):
+            self.wait()
+            state = self.rig.vehicle.state()
+            since = self.stamp - begin
+            landing = resting and land or self.supervisor == State.LANDING
+            ruling = self.rule(Command(), state, True, landing, self.dt)
+            sent = self.execute(ruling)
+            try:
+                self.record(state, None, (), ruling, sent)
+            except RecordingError:
+                self.recorder = None
+            speed = 0.0 if state.v_body is None else float(np.linalg.norm(state.v_body))
+            resting = resting or (sent == Command() and speed < _RESTING) or since > _BRAKE_LIMIT
+            if (resting and not landing and not land) or since > _BRAKE_LIMIT + _LAND_LIMIT:
+                return
+
+
+def take_off(rig: Rig, height: float, rate_hz: float = 30.0) -> None:
+    """Have the vehicle hover at `height` [m]; one that flies already is left alone. Raises DeviceError."""
+    if rig.vehicle.state().flight_state == FlightState.FLYING:
+        return
+    rig.vehicle.arm()
+    rig.vehicle.takeoff(height)
+    begin = rig.clock.now()
+    while (state := rig.vehicle.state()).flight_state != FlightState.FLYING:
+        waited = rig.clock.now() - begin
+        if waited > _TAKEOFF_LIMIT:
+            rig.vehicle.land()
+            raise DeviceError(
+                f"take-off: the vehicle still says {str(state.flight_state)!r} after {waited:.0f} s, "
+                "expected 'flying'; is it armed, level and charged?"
+            )
+        rig.clock.sleep_until(rig.clock.now() + 1.0 / rate_hz)
+
+
+def fly(
+    rig: Rig,
+    pilot: Pilot,
+    matcher: Matcher,
+    settings: LoopSettings,
+    bounds: Bounds,
+    recorder: FlightRecorder | None,
+    show: Show,
+    start: Pose,
+) -> Flown:
+    """Fly until the pilot, the judge, the supervisor or Ctrl-C ends it, then brake to hover (and land).
+
+    The vehicle is connected and the camera open. `start` is where dead reckoning begins. What went wrong is in the
+    result's `error`, for the caller to raise once all is closed.
+    """
+    take_off(rig, settings.height, settings.rate_hz)
+    flown = Flown()
+    worker = MatchWorker(matcher, settings.match_delay_s)
+    loop = _Loop(rig, settings, bounds, worker, recorder, start, flown.samples.sent)
+    with _interruptible() as interrupted:
+        try:
+            loop.wait()
+            flown.begin = flown.end = loop.stamp
+            wall = time.perf_counter()
+            while flown.outcome is None:
+                try:
+                    loop.fly_tick(pilot, flown)
+                except RecordingError as error:
+                    loop.recorder = None
+                    flown.finish(Outcome.ABORTED, str(error), error)
+                except Exception as error:
+                    flown.finish(Outcome.ABORTED, f"{type(error).__name__}: {error}", error)
+                flown.wall = time.perf_counter() - wall
+                if interrupted.is_set():
+                    flown.finish(Outcome.ABORTED, "Ctrl-C", Aborted(_aborted(loop.stamp - flown.begin)))
+                if flown.outcome is None:
+                    show(loop.stamp - flown.begin, flown.phase)
+                    loop.wait()
+            loop.end(settings.land_at_end or flown.outcome == Outcome.ABORTED)
+        except BaseException:
+            rig.vehicle.land()
+            raise
+        finally:
+            worker.close()
+    return flown
+
+
+def _aborted(elapsed: float) -> str:
+    return f"flight: ended by Ctrl-C after {elapsed:.1f} s, hovered and landed; the recording until then can be read"

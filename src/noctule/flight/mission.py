@@ -1,0 +1,206 @@
+"""The mission file: what flies, where, along which path, by which law, within which limits."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+
+from noctule.errors import NoctuleError
+from noctule.flight.fence import Fence
+from noctule.flight.setting_errors import explain
+from noctule.flight.supervisor import Bounds
+from noctule.geometry import Pose, wrap_angle
+from noctule.pilots.settings import PilotSettings
+from noctule.settings import Settings
+from noctule.simulation.spec import CameraSpec, LimitsSpec, RoomSpec, VehicleSpec
+
+Metres = Annotated[float, Field(ge=-100.0, le=100.0)]
+
+
+class MissionFileError(NoctuleError):
+    """A mission file with mistakes, one a line."""
+
+
+class UnknownMissionError(NoctuleError):
+    """A name that is neither a bundled mission nor a file."""
+
+
+class StartSettings(Settings):
+    """Where the flight begins, in hover."""
+
+    x: Metres = Field(0.0, description="world x [m]")
+    y: Metres = Field(0.0, description="world y [m]")
+    z: float = Field(1.0, ge=0.1, le=20.0, description="height [m]")
+    yaw_deg: float = Field(0.0, ge=-180.0, le=180.0, description="heading [deg]")
+    spread_m: float = Field(0.0, ge=0.0, le=1.0, description="each seed moves the start by up to this [m]")
+    spread_deg: float = Field(
+        0.0, ge=0.0, le=45.0, description="each seed turns the start by up to this [deg]"
+    )
+
+    @property
+    def nominal(self) -> Pose:
+        """Where the mission says that the flight begins."""
+        return Pose(np.array([self.x, self.y, self.z]), wrap_angle(float(np.radians(self.yaw_deg))))
+
+    def pose(self, seed: int) -> Pose:
+        """Return where the flight of `seed` really begins."""
+        # A stream of its own, so that no other draw of the seed moves the start.
+        draw = np.random.default_rng([seed, 0x57A47]).uniform(-1.0, 1.0, 4)
+        turn = float(np.radians(self.spread_deg * draw[3]))
+        return Pose(self.nominal.position + self.spread_m * draw[:3], wrap_angle(self.nominal.yaw + turn))
+
+
+class PathSettings(Settings):
+    """The visual path: a folder of key images, or poses where a simulated flight takes them."""
+
+    folder: Path | None = Field(None, description="path folder, relative to the mission file")
+    poses: tuple[tuple[Metres, Metres, Metres, float], ...] | None = Field(
+        None, min_length=1, max_length=500, description="x, y, z [m] and heading [deg] of each key image"
+    )
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.folder is None) == (self.poses is None):
+            raise ValueError("give either a folder of key images or the poses to take them from")
+        return self
+
+
+class FenceSettings(Settings):
+    """The box that the vehicle must not leave."""
+
+    x_min: Metres = Field(-3.0, description="[m]")
+    x_max: Metres = Field(7.5, description="[m]")
+    y_min: Metres = Field(-3.5, description="[m]")
+    y_max: Metres = Field(3.5, description="[m]")
+    z_min: float = Field(0.15, ge=0.0, le=20.0, description="lowest height [m]")
+    z_max: float = Field(2.5, ge=0.1, le=20.0, description="highest height [m]")
+    margin_per_second: float = Field(0.005, ge=0.0, le=1.0, description="growth of the margin [m/s]")
+    margin_per_metre: float = Field(0.02, ge=0.0, le=1.0, description="growth of the margin [m/m]")
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> Self:
+        for axis in "xyz":
+            low, high = getattr(self, f"{axis}_min"), getattr(self, f"{axis}_max")
+            if low >= high:
+                raise ValueError(
+                    f"{axis}_min is {low:g} and {axis}_max {high:g}; the first must be the smaller"
+                )
+        return self
+
+    def values(self) -> Fence:
+        """Return the record that the supervisor takes."""
+        low, high = (self.x_min, self.y_min, self.z_min), (self.x_max, self.y_max, self.z_max)
+        return Fence(low, high, self.margin_per_second, self.margin_per_metre)
+
+
+class FlightSettings(Settings):
+    """How the loop runs."""
+
+    rate_hz: float = Field(30.0, ge=5.0, le=120.0, description="ticks a second")
+    time_limit_s: float = Field(120.0, gt=0.0, le=3600.0, description="after this the flight is stuck [s]")
+    match_delay_s: float = Field(
+        0.15, ge=0.0, le=5.0, description="simulated delay of the matching worker [s]"
+    )
+    seed: int = Field(0, ge=0, description="draws what the mission leaves open")
+    land: bool = Field(False, description="land at the end, or stay in hover")
+
+
+class RecordingSettings(Settings):
+    """What is kept of the flight."""
+
+    lossless: bool = Field(False, description="exact pictures, for replay bit for bit")
+    jpeg_quality: int = Field(85, ge=10, le=100, description="of pictures that are not lossless")
+
+
+class Mission(Settings):
+    """A whole mission; every group has defaults but the path."""
+
+    name: str = Field("mission", min_length=1, max_length=80, description="what it is called")
+    description: str = Field("", max_length=200, description="one line for the list of missions")
+    room: RoomSpec = RoomSpec()
+    vehicle: VehicleSpec = VehicleSpec()
+    camera: CameraSpec = CameraSpec()
+    start: StartSettings = StartSettings()
+    path: PathSettings
+    pilot: PilotSettings = PilotSettings()
+    limits: LimitsSpec = LimitsSpec()
+    fence: FenceSettings = FenceSettings()
+    flight: FlightSettings = FlightSettings()
+    recording: RecordingSettings = RecordingSettings()
+    _text: str = PrivateAttr("")
+
+    @property
+    def text(self) -> str:
+        """The TOML text it was read from, empty when it was made in Python."""
+        return self._text
+
+    @property
+    def bounds(self) -> Bounds:
+        """What the supervisor holds the flight to."""
+        return Bounds(limits=self.limits.values(), fence=self.fence.values())
+
+
+def parse_mission(text: str, name: str, base: Path | None = None) -> Mission:
+    """Read a mission from TOML text; `name` stands in its errors, path folders are relative to `base`.
+
+    Raises
+    ------
+    MissionFileError
+        With one line per mistake: file, line, field, given value, accepted range.
+    """
+    try:
+        mission = Mission.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise MissionFileError(f"{name}: this is not TOML: {error}; mend it there") from None
+    except ValidationError as error:
+        raise MissionFileError(explain(error, Mission, text, name)) from None
+    folder = mission.path.folder
+    if folder is not None and base is not None:
+        mission = mission.model_copy(update={"path": PathSettings(folder=base / folder)})
+    mission._text = text
+    return mission
+
+
+def _bundled() -> dict[str, str]:
+    folder = files("noctule.flight") / "missions"
+    found = [f for f in folder.iterdir() if f.name.endswith(".toml")]
+    return {f.name.removesuffix(".toml"): f.read_text("utf-8") for f in sorted(found, key=lambda f: f.name)}
+
+
+def bundled_missions() -> dict[str, str]:
+    """Return the missions that come with Noctule: name -> what it is, in one line."""
+    return {name: parse_mission(text, name).description for name, text in _bundled().items()}
+
+
+def load_mission(name_or_path: str | Path) -> Mission:
+    """Return a bundled mission by its name, or the mission in a file.
+
+    Raises
+    ------
+    UnknownMissionError
+        When there is neither.
+    MissionFileError
+        With one line per mistake in the file.
+    """
+    name, path = str(name_or_path), Path(name_or_path)
+    bundled = _bundled()
+    if name in bundled:
+        return parse_mission(bundled[name], f"mission {name}")
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        if path.suffix == ".toml" or path.parent != Path("."):
+            why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+            raise UnknownMissionError(f"mission file {name}: cannot be read ({why})") from None
+        near = difflib.get_close_matches(name, bundled, n=1, cutoff=0.4)
+        hint = (
+            f"did you mean {near[0]}?" if near else f"expected one of {', '.join(bundled)}, or a .toml file"
+        )
+        raise UnknownMissionError(f"there is no mission {name!r}; {hint}") from None
+    return parse_mission(text, name, path.parent)

@@ -1,0 +1,161 @@
+"""A whole mission in simulation: build the world, teach or load the path, fly, record, sum up."""
+
+from __future__ import annotations
+
+import io
+import json
+import platform
+import zipfile
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Literal
+
+from noctule.flight.codec import encode_pose
+from noctule.flight.loop import Flown, LoopSettings, Rig, fly
+from noctule.flight.mission import Mission
+from noctule.flight.path_folder import load_path, load_truth
+from noctule.flight.progress import flight_progress
+from noctule.flight.recording import FlightRecorder
+from noctule.flight.summary import summarise
+from noctule.flight.teach import teach
+from noctule.geometry import Pose
+from noctule.pilots import make_matcher, make_pilot
+from noctule.simulation import SimulatedWorld
+
+_PACKAGES = ("noctule", "numpy", "opencv-python-headless", "mujoco", "numba", "foxglove-sdk")
+
+
+@dataclass(frozen=True, slots=True)
+class FlightResult:
+    """What a flight left behind."""
+
+    summary: dict[str, Any]  # the figures that the command line promises
+    recording: Path
+    out: Path
+
+
+def fly_mission(
+    mission: Mission,
+    seed: int | None,
+    out: Path,
+    law: Literal["published", "noctule"] | None = None,
+    progress: bool = True,
+) -> FlightResult:
+    """Fly a mission in simulation; writes flight.mcap and summary.json into `out`.
+
+    `seed` None takes the mission's; `law` None too.
+
+    Raises
+    ------
+    Aborted
+        After Ctrl-C, once all is written.
+    NoctuleError
+        For everything else that a person can mend, such as RecordingError when the disk is full.
+    """
+    mission = settled(mission, seed, law)
+    seed = mission.flight.seed
+    folder = mission.path.folder or teach(mission, seed, out)
+    path = load_path(folder, mission.camera.intrinsics)
+    truth = load_truth(folder)
+    pilot = make_pilot(mission.pilot, path, mission.limits.values(), 1.0 / mission.flight.rate_hz)
+    matcher = make_matcher(mission.pilot, path)
+    settings = LoopSettings(
+        mission.flight.rate_hz,
+        mission.flight.time_limit_s,
+        mission.flight.match_delay_s,
+        land_at_end=mission.flight.land,
+        height=mission.start.z,
+    )
+    recording = out / "flight.mcap"
+    kept = mission.recording
+    with (
+        SimulatedWorld(
+            mission.room, mission.vehicle, mission.camera, mission.start.pose(seed), seed
+        ) as world,
+        world.vehicle,
+        FlightRecorder(recording, lossless=kept.lossless, jpeg_quality=kept.jpeg_quality) as recorder,
+    ):
+        world.camera.open()
+        _note_beginning(recorder, mission, folder, truth)
+        rig = Rig(world.clock, world.vehicle, world.camera, world.referee)
+        with flight_progress(progress, settings.time_limit_s) as show:
+            # Dead reckoning begins where the mission says, not where the seed really put it.
+            start = mission.start.nominal
+            flown = fly(rig, pilot, matcher, settings, mission.bounds, recorder, show, start)
+        summary = _sum_up(flown, truth)
+        if not recorder.failed:
+            recorder.note("summary", {name: json.dumps(value) for name, value in summary.items()})
+        summary["recording"] = str(recording)
+        _write_summary(out / "summary.json", summary)
+        if flown.error is not None:
+            raise flown.error
+    return FlightResult(summary, recording, out)
+
+
+def settled(mission: Mission, seed: int | None, law: Literal["published", "noctule"] | None) -> Mission:
+    """Return the mission with the seed and the law that are flown, in every place that they reach."""
+    seed = mission.flight.seed if seed is None else seed
+    update: dict[str, Any] = {
+        "flight": mission.flight.model_copy(update={"seed": seed}),
+        "room": mission.room.model_copy(update={"seed": seed}),
+    }
+    if law is not None:
+        update["pilot"] = mission.pilot.model_copy(update={"law": law})
+    return mission.model_copy(update=update)
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "unknown"
+    return found
+
+
+def _note_beginning(
+    recorder: FlightRecorder, mission: Mission, folder: Path, truth: tuple[Pose, ...] | None
+) -> None:
+    """Write all that a replay or a report needs, so that the recording can stand alone."""
+    recorder.note(
+        "flight",
+        {
+            "mission": mission.name,
+            "law": mission.pilot.law,
+            "seed": str(mission.flight.seed),
+            "lossless": json.dumps(mission.recording.lossless),
+            "simulated": "true",
+        },
+    )
+    recorder.note("versions", _versions())
+    if truth is not None:
+        recorder.note("truth", {"key_poses": f"[{', '.join(encode_pose(p) for p in truth)}]"})
+    recorder.attach("mission.toml", "application/toml", mission.text.encode())
+    recorder.attach("mission.json", "application/json", mission.model_dump_json().encode())
+    recorder.attach("path.zip", "application/zip", _zipped(folder))
+    recorder.flush()
+
+
+def _zipped(folder: Path) -> bytes:
+    """Return the path folder as a zip without the truth, the same bytes for the same path."""
+    target = io.BytesIO()
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
+        for file in sorted(folder.iterdir()):
+            if file.suffix in (".toml", ".png", ".npz") and file.name != "truth.toml":
+                # ZipInfo's own date, not the file's.
+                archive.writestr(zipfile.ZipInfo(file.name), file.read_bytes())
+    return target.getvalue()
+
+
+def _sum_up(flown: Flown, truth: tuple[Pose, ...] | None) -> dict[str, Any]:
+    goal = truth[-1] if truth else None
+    return summarise(flown.samples, goal, str(flown.outcome), flown.reason, flown.realtime_factor)
+
+
+def _write_summary(path: Path, summary: dict[str, Any]) -> None:
+    # The recording holds the same; a disk that is full has been told of already.
+    with suppress(OSError):
+        path.write_text(json.dumps(summary, indent=2) + "\n", "utf-8")

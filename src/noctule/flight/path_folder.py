@@ -1,0 +1,251 @@
+"""Path folders: a visual path on disk, versioned, checked when it is loaded.
+
+path.toml       format, camera, mount, feature kind, and the images in the order in which they are flown
+000.png, ...    the key images
+features.npz    features and links, a cache: keyed to the pictures, made anew when it does not fit
+truth.toml      optional, where the pictures were really taken; only the judge reads it
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+
+from noctule.camera import CameraMount, PinholeCamera
+from noctule.errors import NoctuleError
+from noctule.flight.feature_cache import features_and_links
+from noctule.flight.setting_errors import explain
+from noctule.geometry import Pose
+from noctule.pilots.visual_path import KeyImage, VisualPath
+from noctule.settings import Settings
+
+FORMAT = 1
+
+
+class PathFolderError(NoctuleError):
+    """A path folder that cannot be flown."""
+
+
+class PathCameraError(NoctuleError):
+    """A path that was taken with another camera than the one that flies."""
+
+
+class CameraEntry(Settings):
+    """The camera that took the pictures."""
+
+    width: int = Field(ge=16, le=10000, description="[px]")
+    height: int = Field(ge=16, le=10000, description="[px]")
+    fx: float = Field(gt=0, le=1e5, description="[px]")
+    fy: float = Field(gt=0, le=1e5, description="[px]")
+    cx: float = Field(ge=-1e5, le=1e5, description="[px]")
+    cy: float = Field(ge=-1e5, le=1e5, description="[px]")
+    t_body_camera: tuple[float, float, float] = Field(description="place on the body, FLU [m]")
+    stabilised: bool = Field(description="pictures show neither roll nor pitch")
+
+
+class ImageEntry(Settings):
+    """One key image."""
+
+    file: str = Field(min_length=1, max_length=200, pattern=r"^[^/\\]+$", description="in this folder")
+    sha256: str = Field(pattern="^[0-9a-f]{64}$", description="of the file")
+    roll_deg: float = Field(0.0, ge=-90, le=90, description="as the vehicle reported it [deg]")
+    pitch_deg: float = Field(0.0, ge=-90, le=90, description="as the vehicle reported it [deg]")
+
+
+class PathFile(Settings):
+    """What path.toml holds."""
+
+    format: int = Field(description="version of this layout")
+    features: str = Field("sift", description="kind of feature")
+    camera: CameraEntry
+    images: tuple[ImageEntry, ...] = Field(min_length=1, max_length=1000)
+
+
+class PoseEntry(Settings):
+    """Where a key image was really taken."""
+
+    position: tuple[float, float, float]
+    yaw_deg: float
+    roll_deg: float = 0.0
+    pitch_deg: float = 0.0
+
+
+class TruthFile(Settings):
+    """What truth.toml holds."""
+
+    images: tuple[PoseEntry, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """A picture taken for a path."""
+
+    pixels: NDArray[np.uint8]  # (height, width, 3) RGB
+    roll: float = 0.0  # [rad], as reported
+    pitch: float = 0.0  # [rad], as reported
+    truth: Pose | None = None
+
+
+def _toml(values: dict[str, Any]) -> str:
+    # JSON's numbers, strings and lists are TOML's too.
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())
+
+
+def save_path(
+    folder: Path, shots: list[Shot], camera: PinholeCamera, mount: CameraMount, kind: str = "sift"
+) -> None:
+    """Write a path folder; raises PathFolderError when it cannot be written.
+
+    path.toml is written last: a folder without it is no path yet.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        text = _toml({"format": FORMAT, "features": kind}) + "\n[camera]\n"
+        text += _toml(
+            {
+                **{name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")},
+                "t_body_camera": [float(v) for v in mount.t_body_camera],
+                "stabilised": mount.stabilised,
+            }
+        )
+        truth = ""
+        for i, shot in enumerate(shots):
+            name = f"{i:03d}.png"
+            _, png = cv2.imencode(".png", cv2.cvtColor(shot.pixels, cv2.COLOR_RGB2BGR))
+            data = bytes(png)
+            (folder / name).write_bytes(data)
+            entry = {
+                "file": name,
+                "sha256": hashlib.sha256(data).hexdigest(),
+                "roll_deg": float(np.degrees(shot.roll)),
+                "pitch_deg": float(np.degrees(shot.pitch)),
+            }
+            text += "\n[[images]]\n" + _toml(entry)
+            if shot.truth is not None:
+                truth += "\n[[images]]\n" + _toml(
+                    {
+                        "position": [float(v) for v in shot.truth.position],
+                        "yaw_deg": float(np.degrees(shot.truth.yaw)),
+                        "roll_deg": float(np.degrees(shot.truth.roll)),
+                        "pitch_deg": float(np.degrees(shot.truth.pitch)),
+                    }
+                )
+        if truth:
+            (folder / "truth.toml").write_text(truth.lstrip(), "utf-8")
+        (folder / "path.toml").write_text(text, "utf-8")
+    except OSError as error:
+        raise PathFolderError(
+            f"path {folder}: cannot be written ({error.strerror}); choose another folder"
+        ) from error
+
+
+def _read_toml(path: Path, model: type[Any]) -> Any:
+    try:
+        text = path.read_text("utf-8")
+        return model.model_validate(tomllib.loads(text))
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise PathFolderError(f"path file {path}: cannot be read ({why}); teach the path again") from None
+    except tomllib.TOMLDecodeError as error:
+        raise PathFolderError(f"path file {path}: this is not TOML: {error}; teach the path again") from None
+    except ValidationError as error:
+        raise PathFolderError(explain(error, model, text, f"path file {path}")) from None
+
+
+def _read_picture(folder: Path, entry: ImageEntry, camera: CameraEntry) -> NDArray[np.uint8]:
+    where = f"path {folder}: image {entry.file}"
+    try:
+        data = (folder / entry.file).read_bytes()
+    except OSError as error:
+        raise PathFolderError(
+            f"{where} cannot be read ({error.strerror}); path.toml lists it: restore it or teach the path again"
+        ) from None
+    found = hashlib.sha256(data).hexdigest()
+    if found != entry.sha256:
+        raise PathFolderError(
+            f"{where} was changed after the path was taught: its sha256 is {found[:12]}..., path.toml says "
+            f"{entry.sha256[:12]}...; restore it or teach the path again"
+        )
+    bgr = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise PathFolderError(f"{where} is no picture that can be decoded; teach the path again")
+    if bgr.shape[:2] != (camera.height, camera.width):
+        raise PathFolderError(
+            f"{where} is {bgr.shape[1]}x{bgr.shape[0]} px, its camera {camera.width}x{camera.height} px; "
+            "teach the path again"
+        )
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def load_path(folder: Path, expected: PinholeCamera | None = None) -> VisualPath:
+    """Load a path folder and check it; features and links come from its cache where that fits.
+
+    Raises
+    ------
+    PathFolderError
+        For another format, a missing, changed or wrongly sized picture, or neighbours that share too little.
+    PathCameraError
+        When `expected`, the camera that will fly, is not the camera that took the pictures.
+    """
+    file: PathFile = _read_toml(folder / "path.toml", PathFile)
+    if file.format != FORMAT:
+        raise PathFolderError(
+            f"path {folder}: its format is {file.format}, this version reads {FORMAT}; teach the path again"
+        )
+    c = file.camera
+    camera = PinholeCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy)
+    if expected is not None:
+        check_camera(camera, expected, f"path {folder}")
+    pictures = [_read_picture(folder, entry, c) for entry in file.images]
+    names = [entry.file for entry in file.images]
+    key = "".join([file.features, *(entry.sha256 for entry in file.images), repr(camera)])
+    features, links = features_and_links(
+        folder / "features.npz",
+        hashlib.sha256(key.encode()).hexdigest(),
+        pictures,
+        names,
+        camera,
+        file.features,
+    )
+    images = tuple(
+        KeyImage(e.file, p, f, float(np.radians(e.roll_deg)), float(np.radians(e.pitch_deg)))
+        for e, p, f in zip(file.images, pictures, features, strict=True)
+    )
+    return VisualPath(camera, CameraMount(np.array(c.t_body_camera), c.stabilised), images, links)
+
+
+def check_camera(camera: PinholeCamera, expected: PinholeCamera, where: str) -> None:
+    """Raise PathCameraError unless the two cameras agree within a tenth of a pixel."""
+    for name in ("width", "height", "fx", "fy", "cx", "cy"):
+        taken, flying = getattr(camera, name), getattr(expected, name)
+        if abs(taken - flying) > 0.1:
+            raise PathCameraError(
+                f"{where}: it was taken by a camera with {name} {taken:g} px, the mission's has {flying:g} px; "
+                "fly it with the camera that took it or teach the path again"
+            )
+
+
+def load_truth(folder: Path) -> tuple[Pose, ...] | None:
+    """Return where the key images were really taken, None where nobody knows. For the judge only."""
+    path = folder / "truth.toml"
+    if not path.exists():
+        return None
+    entries = _read_toml(path, TruthFile).images
+    return tuple(
+        Pose(
+            np.array(e.position, dtype=np.float64),
+            float(np.radians(e.yaw_deg)),
+            float(np.radians(e.roll_deg)),
+            float(np.radians(e.pitch_deg)),
+        )
+        for e in entries
+    )

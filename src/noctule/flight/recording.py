@@ -1,0 +1,263 @@
+"""Writes a flight to an MCAP file that any Foxglove tool opens.
+
+Everything is written in the order in which it was handed in, by one thread of the writer's own, so the loop
+never waits for the encoder or the disk and the same flight gives the same file. The file grows by whole
+records only (no seeking back), so what a killed process or a full disk leaves behind can be read.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import cv2
+import foxglove
+from foxglove.channels import CompressedImageChannel
+from foxglove.mcap import MCAPWriteOptions
+from foxglove.messages import CompressedImage, Timestamp
+
+from noctule.errors import NoctuleError
+from noctule.flight import codec
+from noctule.messages import Command, Decision, MatchResult, Picture, Truth, VehicleState
+
+FORMAT = "noctule-flight-1"
+_QUEUE = 64  # messages under way; a picture that waits is 1.2 MB
+_FLUSH_EVERY = 1.0  # [s] of flight
+
+
+class RecordingError(NoctuleError):
+    """The recording cannot be written any further; what was written so far can be read."""
+
+
+class _AppendOnlyFile:
+    """What the MCAP library writes to: after the first failure it keeps whole records and takes no more."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb", buffering=0)
+        self._size = 0
+        self.error: OSError | None = None
+
+    def write(self, data: bytes) -> int:
+        if self.error is None:
+            try:
+                self._write_all(memoryview(data))
+            except OSError as error:
+                self.error = error
+        return len(data)
+
+    def _write_all(self, data: memoryview) -> None:
+        done = 0
+        try:
+            while done < len(data):
+                done += self._file.write(data[done:])
+        except OSError:
+            self._cut_to_size()
+            raise
+        self._size += len(data)
+
+    def _cut_to_size(self) -> None:
+        # A record written in part would be read as noise; a device that cannot be cut is left as it is.
+        try:
+            os.ftruncate(self._file.fileno(), self._size)
+            self._file.seek(self._size)
+        except OSError:
+            pass
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        # Only ever asked where it is, because the writer is told not to seek.
+        return self._size
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def encode_picture(picture: Picture, lossless: bool, jpeg_quality: int) -> bytes:
+    """Return the picture as PNG (`lossless`) or JPEG."""
+    bgr = cv2.cvtColor(picture.pixels, cv2.COLOR_RGB2BGR)
+    if lossless:
+        _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    else:
+        _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
+    return bytes(data)
+
+
+class FlightRecorder:
+    """Writes one flight to one file; a context manager.
+
+    Raises
+    ------
+    RecordingError
+        By `tick`, `note` and `close`, once the disk refuses; the file is then cut to whole records.
+    """
+
+    def __init__(self, path: Path, *, lossless: bool = False, jpeg_quality: int = 85) -> None:
+        self.path = path
+        self._lossless, self._jpeg_quality = lossless, jpeg_quality
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = _AppendOnlyFile(path)
+        except OSError as error:
+            raise RecordingError(
+                f"recording {path}: cannot be written ({error.strerror}); name another folder with --out"
+            ) from error
+        # A context of its own: several recordings in one process do not see each other's messages.
+        self._context = foxglove.Context()
+        self._writer = foxglove.open_mcap(
+            self._file,
+            context=self._context,
+            writer_options=MCAPWriteOptions(
+                compression=None, disable_seeking=True, compression_threads=0, profile=FORMAT
+            ),
+        )
+        self._camera = CompressedImageChannel("/camera", context=self._context)
+        self._channels = {
+            name: foxglove.Channel(
+                f"/{name.lower()}",
+                schema=foxglove.Schema(
+                    name=f"noctule.flight.{name}", encoding="protobuf", data=codec.schema(name)
+                ),
+                message_encoding="protobuf",
+                context=self._context,
+            )
+            for name in ("Observation", "Decision", "Sent", "Truth")
+        }
+        self._next_flush: float | None = None
+        self._failure: Exception | None = None
+        self._closed = False
+        self._jobs: queue.Queue[Callable[[], None] | None] = queue.Queue(_QUEUE)
+        self._thread = threading.Thread(target=self._work, name="noctule-recorder", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close; a flight that already failed keeps its own error."""
+        try:
+            self.close()
+        except RecordingError:
+            if error is None:
+                raise
+
+    @property
+    def failed(self) -> bool:
+        """Whether the disk has refused; nothing more is written then."""
+        return self._file.error is not None or self._failure is not None
+
+    def _work(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            try:
+                job()
+            except Exception as error:
+                self._failure = self._failure or error
+
+    def _check(self) -> None:
+        error = self._file.error or self._failure
+        if error is not None:
+            why = (error.strerror if isinstance(error, OSError) else None) or str(error)
+            raise RecordingError(
+                f"recording {self.path}: {why}; what was flown until then can be read, "
+                "free some space or name another folder with --out"
+            ) from error
+
+    def _log(self, name: str, message: Any, time_ns: int) -> None:
+        data = message.SerializeToString(deterministic=True)
+        self._jobs.put(lambda: self._channels[name].log(data, log_time=time_ns))
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Write named strings (the mission, versions, the summary)."""
+        self._check()
+        self._jobs.put(lambda: self._writer.write_metadata(name, values))
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Write a whole file into the recording."""
+        self._check()
+        self._jobs.put(
+            lambda: self._writer.attach(
+                log_time=0, create_time=0, name=name, media_type=media_type, data=data
+            )
+        )
+
+    def flush(self) -> None:
+        """Have all that was handed in so far written; returns before it is."""
+        self._jobs.put(self._writer.flush)
+
+    def _log_picture(self, picture: Picture, time_ns: int) -> None:
+        data = encode_picture(picture, self._lossless, self._jpeg_quality)
+        stamp_ns = round(picture.stamp * 1e9)
+        message = CompressedImage(
+            timestamp=Timestamp(stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000),
+            frame_id="camera",
+            data=data,
+            format="png" if self._lossless else "jpeg",
+        )
+        self._camera.log(message, log_time=time_ns)
+
+    def tick(
+        self,
+        stamp: float,
+        state: VehicleState,
+        picture: Picture | None,
+        matches: tuple[MatchResult, ...],
+        truth: Truth | None,
+        sent: Any,
+        decision: Decision | None = None,
+        tick_ms: float = 0.0,
+    ) -> None:
+        """Write one tick of the loop; without `decision` the pilot was not asked.
+
+        `sent` is a pb.Sent, see `sent_message`. Pictures must not change after they are handed in.
+        """
+        self._check()
+        time_ns = round(stamp * 1e9)
+        if picture is not None:
+            self._jobs.put(lambda: self._log_picture(picture, time_ns))
+        self._log("Observation", codec.encode_observation(stamp, state, picture, matches), time_ns)
+        if decision is not None:
+            self._log("Decision", codec.encode_decision(stamp, decision, tick_ms), time_ns)
+        if truth is not None:
+            self._log("Truth", codec.encode_truth(truth), time_ns)
+        # Always the last of its tick: the reader takes a tick without it for cut short.
+        self._log("Sent", sent, time_ns)
+        if self._next_flush is None:
+            self._next_flush = stamp + _FLUSH_EVERY
+        elif stamp >= self._next_flush:
+            self._next_flush += _FLUSH_EVERY
+            self.flush()
+
+    def close(self) -> None:
+        """Write what is left and close the file; idempotent. Raises RecordingError."""
+        if not self._closed:
+            self._closed = True
+            self._jobs.put(None)
+            self._thread.join()
+            try:
+                self._writer.close()
+            finally:
+                self._file.close()
+        self._check()
+
+
+def sent_message(
+    stamp: float, asked: Command, sent: Command, supervisor_state: str, action: str, reason: str
+) -> Any:
+    """Return pb.Sent: what was asked, what was sent, and why they differ."""
+    return codec.pb.Sent(
+        stamp=stamp,
+        asked=codec.encode_command(asked),
+        sent=codec.encode_command(sent),
+        supervisor_state=supervisor_state,
+        action=action,
+        reason=reason,
+    )

@@ -1,0 +1,163 @@
+"""The figures of a flight, named as the command line promises them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from noctule.flight.codec import decode_pose
+from noctule.flight.reader import Recording, Tick, read_recording
+from noctule.geometry import Array, Pose, wrap_angle
+from noctule.messages import Command, Outcome, Truth
+
+OUTCOMES = tuple(str(o) for o in Outcome)
+
+
+def command_steps(sent: Array) -> tuple[float, float]:
+    """Return the largest change from one sent command (n, 4) to the next: linear [m/s], angular [rad/s].
+
+    A flight begins in hover, so the first command counts from zero.
+    """
+    if not len(sent):
+        return 0.0, 0.0
+    change = np.diff(np.vstack([np.zeros((1, 4)), sent]), axis=0)
+    return float(np.linalg.norm(change[:, :3], axis=1).max()), float(np.abs(change[:, 3]).max())
+
+
+def errors_at_end(final: Truth | None, goal: Pose | None) -> tuple[float | None, float | None]:
+    """Return the distance [m] and the absolute heading error [deg] between where it is and where it should be."""
+    if final is None or goal is None:
+        return None, None
+    distance = float(np.linalg.norm(final.pose.position - goal.position))
+    return distance, abs(float(np.degrees(wrap_angle(final.pose.yaw - goal.yaw))))
+
+
+def finite_or_none(value: float) -> float | None:
+    """Return a figure as JSON can hold it."""
+    return float(value) if np.isfinite(value) else None
+
+
+@dataclass(slots=True)
+class Samples:
+    """What the figures of a flight are worked out from; filled while it lasts, or from its recording."""
+
+    times: list[float] = field(default_factory=list)  # [s], the ticks at which the pilot was asked
+    tick_ms: list[float] = field(default_factory=list)  # [ms], the same ticks
+    epsilons: list[float] = field(default_factory=list)  # [px], the same ticks
+    truths: list[Truth] = field(default_factory=list)  # the same ticks, empty without a referee
+    sent: list[Command] = field(default_factory=list)  # all ticks, the braking at the end included
+
+
+def samples_of(ticks: Sequence[Tick]) -> Samples:
+    """Return the samples of recorded ticks."""
+    samples = Samples()
+    for tick in ticks:
+        samples.sent.append(tick.sent)
+        if tick.decision is not None:
+            samples.times.append(tick.stamp)
+            samples.tick_ms.append(tick.tick_ms)
+            samples.epsilons.append(tick.decision.diagnostics.epsilon_px)
+            if tick.truth is not None:
+                samples.truths.append(tick.truth)
+    return samples
+
+
+def summarise(
+    samples: Samples, goal: Pose | None, outcome: str, reason: str, realtime_factor: float | None
+) -> dict[str, Any]:
+    """Return the figures of a flight; `goal` is where the last key image was really taken.
+
+    Time runs from the pilot's first tick to its last; the pose at the end is the true one at that last tick.
+    """
+    epsilons = [e for e in samples.epsilons if np.isfinite(e)]
+    clearances = [t.clearance for t in samples.truths]
+    distance, turn = errors_at_end(samples.truths[-1] if samples.truths else None, goal)
+    linear, angular = command_steps(np.array([c.as_array() for c in samples.sent]).reshape(-1, 4))
+    times = samples.tick_ms
+    return {
+        "outcome": outcome,
+        "reason": reason,
+        "duration_s": samples.times[-1] - samples.times[0] if samples.times else 0.0,
+        "position_error_m": distance,
+        "yaw_error_deg": turn,
+        "epsilon_px": epsilons[-1] if epsilons else None,
+        "min_clearance_m": finite_or_none(min(clearances)) if clearances else None,
+        "max_command_step": {"linear": linear, "angular": angular},
+        "tick_ms": {
+            "median": float(np.median(times)) if times else None,
+            "p95": float(np.percentile(times, 95)) if times else None,
+        },
+        "realtime_factor": realtime_factor,
+        "recording": None,
+        "report": None,
+    }
+
+
+def goal_of(recording: Recording) -> Pose | None:
+    """Return where the last key image was really taken, if the recording says."""
+    poses = json.loads(recording.notes.get("truth", {}).get("key_poses", "[]"))
+    return decode_pose(json.dumps(poses[-1])) if poses else None
+
+
+def summary_of(recording: Recording) -> dict[str, Any]:
+    """Return the figures of a recording: those noted at the flight's end, or worked out where it was cut short.
+
+    A flight whose end is missing has the outcome of its last tick, and "aborted" where that has none.
+    """
+    noted = recording.notes.get("summary")
+    if noted is not None:
+        summary = {name: json.loads(value) for name, value in noted.items()}
+    else:
+        summary = summarise(samples_of(recording.ticks), goal_of(recording), *_outcome_of(recording), None)
+    return {**summary, "recording": str(recording.path)}
+
+
+def _outcome_of(recording: Recording) -> tuple[str, str]:
+    for tick in recording.flown:
+        if tick.truth is not None and (tick.truth.contacts or tick.truth.clearance <= 0.0):
+            return str(Outcome.COLLIDED), "touched " + (", ".join(tick.truth.contacts) or "something")
+        if tick.decision is not None and tick.decision.outcome is not None:
+            return str(tick.decision.outcome), tick.decision.reason
+    return str(Outcome.ABORTED), "the recording ends before the flight does"
+
+
+def pool(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return one summary over many runs, with the keys and nesting of a run.
+
+    `outcome` becomes the rate of each outcome. `min_clearance_m` is the least and `max_command_step` the largest of
+    all; `tick_ms` is over all ticks where the recordings are there to be read, else the median of the medians and
+    the largest 95th percentile. Everything else is the median of what is known, None where nothing is.
+    """
+    steps = {axis: _of([r["max_command_step"][axis] for r in runs], max) for axis in ("linear", "angular")}
+    summary: dict[str, Any] = {
+        "outcome": {o: sum(r["outcome"] == o for r in runs) / max(len(runs), 1) for o in OUTCOMES}
+    }
+    for name in ("duration_s", "position_error_m", "yaw_error_deg", "epsilon_px"):
+        summary[name] = _of([r[name] for r in runs], np.median)
+    summary["min_clearance_m"] = _of([r["min_clearance_m"] for r in runs], min)
+    summary["max_command_step"] = steps
+    summary["tick_ms"] = _pooled_ticks(runs)
+    summary["realtime_factor"] = _of([r["realtime_factor"] for r in runs], np.median)
+    return {**summary, "recording": None, "report": None}
+
+
+def _of(values: list[float | None], figure: Any) -> float | None:
+    known = [v for v in values if v is not None]
+    return float(figure(known)) if known else None
+
+
+def _pooled_ticks(runs: Sequence[dict[str, Any]]) -> dict[str, float | None]:
+    paths = [Path(r["recording"]) for r in runs if r.get("recording")]
+    if paths and len(paths) == len(runs) and all(p.exists() for p in paths):
+        times = np.concatenate([[t.tick_ms for t in read_recording(p).flown] for p in paths])
+        if len(times):
+            return {"median": float(np.median(times)), "p95": float(np.percentile(times, 95))}
+    return {
+        "median": _of([r["tick_ms"]["median"] for r in runs], np.median),
+        "p95": _of([r["tick_ms"]["p95"] for r in runs], max),
+    }
