@@ -1,0 +1,71 @@
+"""The `noctule` command: its subcommands, and how everything that goes wrong becomes one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+
+from cyclopts import App, CycloptsError
+
+from noctule import __version__
+from noctule.cli.commands import doctor, experiment, fly, missions, report
+from noctule.cli.complaints import complaint
+from noctule.errors import NoctuleError
+
+REACHED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+_EXAMPLES: dict[Callable[..., int], str] = {
+    fly: "noctule fly two-columns --seed 3 --out flights/try",
+    missions: "noctule missions --out my-missions",
+    experiment: "noctule experiment servo-5.1 --law published --seeds 0:10 --json",
+    report: "noctule report flights/try --out flights/try/report",
+    doctor: "noctule doctor --json",
+}
+
+
+def build() -> App:
+    """Return the command-line application."""
+    app = App(
+        name="noctule",
+        help="Indoor flight for low-cost quadcopters, without motion capture.",
+        help_epilogue="Try it: noctule fly",
+        version=__version__,
+        help_format="plaintext",
+        suppress_keyboard_interrupt=False,
+    )
+    for command, example in _EXAMPLES.items():
+        app.command(command, help_epilogue=f"Example: {example}")
+    return app
+
+
+def run(tokens: Sequence[str]) -> int:
+    """Run one command and return the exit code.
+
+    0: all went well (a flight reached its end); 1: a flight did not, or the machine failed it; 2: bad input;
+    130: Ctrl-C. A mistake of the person's, or of the machine's, is one line on stderr and never a traceback.
+    """
+    try:
+        answer = build()(
+            list(tokens), exit_on_error=False, print_error=False, result_action="return_value", verbose=False
+        )
+    except CycloptsError as error:
+        return _fail(tokens, complaint(error), BAD_INPUT)
+    except NoctuleError as error:
+        return _fail(tokens, str(error), BAD_INPUT)
+    except BrokenPipeError:  # the reader of our output left, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except OSError as error:
+        return _fail(tokens, f"{error.filename or 'the system'}: {error.strerror or error}", FAILED)
+    except KeyboardInterrupt:
+        return _fail(tokens, "stopped by Ctrl-C", INTERRUPTED)
+    return answer if isinstance(answer, int) else REACHED
+
+
+def _fail(tokens: Sequence[str], message: str, code: int) -> int:
+    print(f"noctule: {message}", file=sys.stderr)
+    if "--json" in tokens:
+        print(json.dumps({"error": message}))
+    return code

@@ -1,0 +1,106 @@
+"""Flies one seed or many, writes the reports, tells the figures: what `fly` and `experiment` share."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from noctule.cli.options import out_folder, read_seeds
+from noctule.cli.show import as_json, campaign_text, flight_text
+from noctule.errors import NoctuleError
+
+if TYPE_CHECKING:
+    from noctule.flight.mission import Mission
+
+RESULTS = "campaign.json"
+"""What a campaign leaves in its folder, for `noctule report` to lay beside another's."""
+
+
+class SeedAndSeedsError(NoctuleError):
+    """Both one seed and a range of seeds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What the command line says about the flights."""
+
+    name: str  # of the mission or experiment
+    make_mission: Callable[[int], Mission]  # by seed; goes to other processes
+    seed: int
+    seeds: str | None
+    out: Path | None
+    report: bool
+    json: bool
+
+
+def fly_asked(asked: Asked) -> int:
+    """Fly, tell, and return the exit code: 0 if and only if every flight reached its end."""
+    return _fly_one(asked) if asked.seeds is None else _fly_many(asked, read_seeds(asked.seeds))
+
+
+def _fly_one(asked: Asked) -> int:
+    mission = asked.make_mission(asked.seed)
+    folder = out_folder(asked.out, asked.name)
+
+    from noctule.flight import fly_mission
+    from noctule.flight.loop import Aborted
+
+    try:
+        summary: dict[str, Any] = dict(fly_mission(mission, asked.seed, folder).summary)
+    except Aborted as stopped:
+        print(f"noctule: {stopped} ({folder})", file=sys.stderr)
+        if asked.json:
+            print(as_json({"error": str(stopped), "outcome": "aborted", "recording": _newest(folder)}))
+        return 130
+    summary = with_report(summary) if asked.report else {**summary, "report": None}
+    print(as_json(summary) if asked.json else flight_text(summary))
+    return 0 if summary["outcome"] == "reached" else 1
+
+
+def _newest(folder: Path) -> Path | None:
+    return max(folder.rglob("*.mcap"), key=lambda path: path.stat().st_mtime, default=None)
+
+
+def _fly_many(asked: Asked, seeds: range) -> int:
+    first = asked.make_mission(seeds[0])  # so that a mistake in it is told once, before anything flies
+    folder = out_folder(asked.out, asked.name)
+
+    from noctule.campaign import fly_seeds
+
+    finish = with_report if asked.report else None
+    results = fly_seeds(asked.make_mission, seeds, folder, progress=sys.stderr.isatty(), finish=finish)
+    (folder / RESULTS).write_text(as_json({first.pilot.law: results}) + "\n", encoding="utf-8")
+    if asked.report:
+        from noctule.reports.campaign_report import write_campaign_report
+
+        page = write_campaign_report({first.pilot.law: results}, folder / "report")
+        results["summary"]["report"] = page
+    print(as_json(results) if asked.json else campaign_text(results))
+    return 0 if all(run["outcome"] == "reached" for run in results["runs"]) else 1
+
+
+def with_report(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Write the report of a flight's recording and return the summary with its path.
+
+    A report that cannot be written costs the report, not the flight's figures.
+    """
+    from noctule.reports import write_report
+
+    try:
+        page = write_report(Path(summary["recording"]))
+    except NoctuleError as error:
+        print(f"noctule: {error}", file=sys.stderr)
+        return {**summary, "report": None}
+    return {**summary, "report": str(page)}
+
+
+def one_seed(seed: int | None, seeds: str | None, otherwise: int) -> int:
+    """Return the seed of a single flight; raises SeedAndSeedsError when a range is given as well."""
+    if seed is not None and seeds is not None:
+        raise SeedAndSeedsError(
+            f"--seed {seed} and --seeds {seeds} are both given, expected one; leave one out"
+        )
+    return otherwise if seed is None else seed

@@ -1,0 +1,70 @@
+"""What a command line changes in a mission."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, TypeVar
+
+from noctule.errors import NoctuleError
+from noctule.settings import Settings
+
+if TYPE_CHECKING:
+    from noctule.flight.mission import Mission
+
+Group = TypeVar("Group", bound=Settings)
+
+
+class OptionValueError(NoctuleError):
+    """An option whose value the mission does not accept."""
+
+
+def changed(
+    mission: Mission,
+    law: str | None = None,
+    attitude_sd_deg: float | None = None,
+    time_limit_s: float | None = None,
+) -> Mission:
+    """Return `mission` with what is not None put in its place.
+
+    An `attitude_sd_deg` above 0 [deg] takes the camera off its gimbal: pictures show roll and pitch, the
+    vehicle reports them with errors of that size, and the pilot is told so.
+
+    Raises
+    ------
+    OptionValueError
+        When a value is out of the mission's range.
+    """
+    pilot, vehicle, camera, flight = mission.pilot, mission.vehicle, mission.camera, mission.flight
+    if law is not None:
+        pilot = _with(pilot, "--law", law=law)
+    if attitude_sd_deg is not None:
+        pilot = _with(pilot, "--attitude-sd", attitude_sd_deg=attitude_sd_deg)
+        vehicle = _with(vehicle, "--attitude-sd", attitude_sd=math.radians(attitude_sd_deg))
+        camera = _with(camera, "--attitude-sd", stabilised=attitude_sd_deg == 0.0)
+    if time_limit_s is not None:
+        flight = _with(flight, "--time-limit", time_limit_s=time_limit_s)
+    return mission.model_copy(update={"pilot": pilot, "vehicle": vehicle, "camera": camera, "flight": flight})
+
+
+def _with(group: Group, option: str, **values: object) -> Group:
+    from pydantic import ValidationError
+
+    try:
+        return type(group).model_validate({**group.model_dump(), **values})
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise OptionValueError(f"{option}: {first['msg'].lower()}, found {first['input']}") from None
+
+
+def as_it_is(mission: Mission, seed: int) -> Mission:
+    """Return `mission`, which every seed flies."""
+    return mission
+
+
+def of_experiment(
+    name: str, law: str, attitude_sd_deg: float, time_limit_s: float | None, seed: int
+) -> Mission:
+    """Return the mission of an experiment of the papers; each seed draws its own."""
+    from noctule.experiments import EXPERIMENTS
+
+    return changed(EXPERIMENTS[name].mission(seed, law, attitude_sd_deg), time_limit_s=time_limit_s)
