@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -45,23 +46,26 @@ def _fly_one(asked: Asked) -> int:
     mission = asked.make_mission(asked.seed)
     folder = out_folder(asked.out, asked.name)
 
-    from noctule.flight import fly_mission
-    from noctule.flight.loop import Aborted
+    from noctule.flight import Aborted, RecordingError, fly_mission
 
     try:
         summary: dict[str, Any] = dict(fly_mission(mission, asked.seed, folder).summary)
-    except Aborted as stopped:
-        print(f"noctule: {stopped} ({folder})", file=sys.stderr)
+    except (Aborted, RecordingError) as error:  # something was flown, so this is no bad input
+        print(f"noctule: {error} (in {folder})", file=sys.stderr)
         if asked.json:
-            print(as_json({"error": str(stopped), "outcome": "aborted", "recording": _newest(folder)}))
-        return 130
+            print(as_json({"outcome": "aborted", **_what_was_written(folder), "error": str(error)}))
+        return 130 if isinstance(error, Aborted) else 1
     summary = with_report(summary) if asked.report else {**summary, "report": None}
     print(as_json(summary) if asked.json else flight_text(summary))
     return 0 if summary["outcome"] == "reached" else 1
 
 
-def _newest(folder: Path) -> Path | None:
-    return max(folder.rglob("*.mcap"), key=lambda path: path.stat().st_mtime, default=None)
+def _what_was_written(folder: Path) -> dict[str, Any]:
+    try:
+        written: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # a full disk may have taken it
+        return {}
+    return written
 
 
 def _fly_many(asked: Asked, seeds: range) -> int:
