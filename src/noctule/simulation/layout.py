@@ -11,6 +11,7 @@ import numpy as np
 
 from noctule.geometry import Array
 from noctule.simulation.furniture import Block, Solid, furnish
+from noctule.simulation.hangings import hang
 from noctule.simulation.placing import place_furniture
 from noctule.simulation.spec import FurnitureSpec, RoomSpec
 
@@ -40,7 +41,7 @@ def draw_layout(spec: RoomSpec) -> Layout:
 
     So a column more does not move the furniture, and other furniture does not recolour the columns.
     """
-    places, hues, looks = np.random.SeedSequence(spec.seed).spawn(3)
+    places, hues, looks, hooks = np.random.SeedSequence(spec.seed).spawn(4)
     if isinstance(spec.furniture, int):
         furniture = place_furniture(spec, np.random.default_rng(places))
     else:
@@ -54,6 +55,9 @@ def draw_layout(spec: RoomSpec) -> Layout:
         new_solids, new_blocks = furnish(piece, f"{piece.kind}_{number}", np.random.default_rng(seed))
         solids += new_solids
         blocks += new_blocks
+    hung_solids, hung_blocks = hang(spec, np.random.default_rng(hooks))
+    solids += hung_solids
+    blocks += hung_blocks
     solids += _columns(spec, np.random.default_rng(hues))
     return Layout(spec, tuple(furniture), tuple(solids), tuple(blocks))
 
@@ -82,11 +86,12 @@ def room_layout(spec: RoomSpec) -> tuple[Footprint, ...]:
     inside = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     prints = [Footprint("walls", "wall", inside, (0.35, 0.35, 0.38))]
     for solid in draw_layout(spec).solids:
-        prints.append(Footprint(solid.name, solid.kind, _polygon(solid), solid.rgb))
+        prints.append(Footprint(solid.name, solid.kind, solid_polygon(solid), solid.rgb))
     return tuple(prints)
 
 
-def _polygon(solid: Solid) -> Array:
+def solid_polygon(solid: Solid) -> Array:
+    """Return the footprint of a solid (n, 2) [m], counterclockwise."""
     if solid.shape == "cylinder":
         angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
         corners = solid.half[0] * np.column_stack([np.cos(angles), np.sin(angles)])

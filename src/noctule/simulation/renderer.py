@@ -27,6 +27,8 @@ class Renderer:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         self._renderer.update_scene(data)
+        for flag in ("HAZE", "SHADOW", "SKYBOX", "REFLECTION"):
+            self._renderer.scene.flags[int(getattr(mujoco.mjtRndFlag, f"mjRND_{flag}"))] = 0
         near = model.vis.map.znear * model.stat.extent
         for eye in self._renderer.scene.camera:
             eye.frustum_center = near * ((camera.width - 1) / 2.0 - camera.cx) / camera.fx

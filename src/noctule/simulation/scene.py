@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from noctule.simulation.engine import mujoco
 from noctule.simulation.furniture import Skin
 from noctule.simulation.layout import Layout
 from noctule.simulation.mesh import Mesh, MeshSet
-from noctule.simulation.textures import make_textures
+from noctule.simulation.photos import Image
+from noctule.simulation.shell import SHELL, paint_shell
+from noctule.simulation.textures import framed, paint
 
 
+@lru_cache(maxsize=2)
 def build_scene(layout: Layout) -> mujoco.MjModel:
-    """Return the model to draw, with no camera of its own and nothing that moves."""
-    looks = np.random.SeedSequence([layout.spec.seed, 1])
-    place, paint = looks.spawn(2)
-    meshes = MeshSet(np.random.default_rng(place))
-    _shell(layout, meshes)
+    """Return the model to draw, with no camera of its own and nothing that moves. Do not change it: it is kept."""
+    meshes = MeshSet(np.random.default_rng([layout.spec.seed, 1]))
     for block in layout.blocks:
         meshes.block(block)
+    # The shell comes last: where furniture hides it, nothing is textured twice.
+    _shell(layout, meshes)
     spec = mujoco.MjSpec()
     _settings(spec, layout)
-    pictures = make_textures(layout.spec.seed, meshes.meshes)
     for name, mesh in meshes.meshes.items():
-        _add_mesh(spec, name, mesh, pictures[name])
+        _add_mesh(spec, name, mesh, _texture(name, layout))
     for solid in layout.solids:
         if solid.kind == "column":
             box = solid.shape == "box"
@@ -35,6 +38,13 @@ def build_scene(layout: Layout) -> mujoco.MjModel:
                 rgba=[*solid.rgb, 1.0],
             )
     return spec.compile()
+
+
+def _texture(name: str, layout: Layout) -> Image:
+    if name in SHELL:
+        return paint_shell(name, layout)
+    seed = layout.spec.seed
+    return framed(name.removeprefix("framed:"), seed) if name.startswith("framed:") else paint(name, seed)
 
 
 def _shell(layout: Layout, meshes: MeshSet) -> None:

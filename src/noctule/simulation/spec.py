@@ -87,7 +87,7 @@ class LightSpec(Settings):
     x: Metres
     y: Metres
     z: float = Field(2.6, ge=0.0, le=20.0, description="[m]")
-    intensity: float = Field(0.35, ge=0.0, le=2.0, description="1 is a bright room by itself")
+    intensity: float = Field(0.3, ge=0.0, le=2.0, description="1 is a bright room by itself")
 
 
 class RoomSpec(Settings):
@@ -100,12 +100,12 @@ class RoomSpec(Settings):
         Annotated[float, Field(ge=2.0, le=60.0)],
         Annotated[float, Field(ge=1.5, le=20.0)],
     ] = Field((10.5, 7.0, 3.0), description="inner extent along x, y and z [m]")
-    furniture: int | tuple[FurnitureSpec, ...] = Field(12, description="how many to draw, or the list itself")
-    pictures: int = Field(16, ge=0, le=60, description="pictures on the walls")
+    furniture: int | tuple[FurnitureSpec, ...] = Field(16, description="how many to draw, or the list itself")
+    pictures: int = Field(28, ge=0, le=60, description="pictures on the walls")
     keep_clear: KeepClear = KeepClear()
     columns: tuple[ColumnSpec, ...] = ()
     lights: tuple[LightSpec, ...] = (LightSpec(x=0.0, y=0.0), LightSpec(x=4.5, y=0.0))
-    ambient: float = Field(0.55, ge=0.0, le=1.0, description="light that comes from everywhere")
+    ambient: float = Field(0.85, ge=0.0, le=1.0, description="light that comes from everywhere")
 
     @model_validator(mode="after")
     def _inside(self) -> Self:
