@@ -84,7 +84,8 @@ class Aircraft:
         if state is not FlightState.LANDED or not self.armed:
             found = state.value if state is not FlightState.LANDED else "not armed"
             raise DeviceError(
-                f"simulated vehicle: cannot take off, it is {found}; expected landed and armed: call arm() first"
+                f"simulated vehicle: cannot take off, it is {found}; "
+                "expected landed and armed: call arm() first"
             )
         if not math.isfinite(height) or height <= self.floor:
             raise DeviceError(
@@ -109,7 +110,8 @@ class Aircraft:
         values = (command.forward, command.left, command.up, command.yaw_rate)
         if not all(map(math.isfinite, values)) or not valid_for > 0.0:
             raise DeviceError(
-                f"simulated vehicle: command {values} for {valid_for} s; expected finite numbers and a time above 0"
+                f"simulated vehicle: command {values} for {valid_for} s; "
+                "expected finite numbers and a time above 0"
             )
         if self.flight_state is not FlightState.FLYING:
             return Command()

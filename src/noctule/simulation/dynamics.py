@@ -1,7 +1,7 @@
 """How a simulated quadcopter moves: velocity models behind one interface, and the step that they share.
 
-Everything here is plain floats: ten steps of 1/300 s make a camera frame, and numpy costs more than it gives on
-vectors of three.
+Everything here is plain floats: ten steps of 1/300 s make a camera frame, and numpy costs more than it
+gives on vectors of three.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ class VehicleModel(Protocol):
     def acceleration(self, velocity: Four, command: Four) -> Four:
         """Return (forward, left, up [m/s^2], yaw [rad/s^2]) before the vehicle's limits.
 
-        `velocity` and `command` are (forward, left, up [m/s], yaw rate [rad/s]). The accelerations are those of
-        the world, resolved on the axes of the levelled heading frame, not derivatives of body velocities.
+        `velocity` and `command` are (forward, left, up [m/s], yaw rate [rad/s]). The accelerations are
+        those of the world, resolved on the axes of the levelled heading frame: body velocities are not
+        differentiated.
         """
         ...
 
@@ -61,8 +62,8 @@ class IdentifiedModel:
 
     Eq. (2) and Table 1 of "Indoor localization and path following", corrected: the left side is the world
     acceleration resolved on body axes. Its inputs are not velocities, so an onboard loop goes with it,
-    u = (k_v command + gain (command - v)) / k_u cut to [-1, 1], with the gain that gives the wanted lag where the
-    drag alone is slower.
+    u = (k_v command + gain (command - v)) / k_u cut to [-1, 1], with the gain that gives the wanted lag
+    where the drag alone is slower.
     """
 
     input_gains: Four  # k1, k3, k5, k7
@@ -129,7 +130,7 @@ def make_model(spec: VehicleSpec) -> VehicleModel:
 
 @dataclass(slots=True)
 class Motion:
-    """The moving state: hull centre and velocity in the world, heading, tilt. Changed in place by `advance`."""
+    """The moving state: hull centre and velocity in the world, heading, tilt; changed in place."""
 
     x: float
     y: float
@@ -157,9 +158,9 @@ def advance(
 ) -> None:
     """Move by one step of 1/300 s, in place (semi-implicit Euler).
 
-    The autopilot's acceleration is cut to the limits; the gust [m/s^2, world] comes on top of it. Roll and pitch
-    are those of a rotor thrust that gives the autopilot's acceleration: it leans against the gust as far as
-    the velocity loop asks for it, and nothing leans against drag.
+    The autopilot's acceleration is cut to the limits; the gust [m/s^2, world] comes on top of it. Roll and
+    pitch are those of a rotor thrust that gives the autopilot's acceleration: it leans against the gust as far
+    as the velocity loop asks for it, and nothing leans against drag.
     """
     c, s = math.cos(motion.yaw), math.sin(motion.yaw)
     velocity = (c * motion.vx + s * motion.vy, c * motion.vy - s * motion.vx, motion.vz, motion.yaw_rate)

@@ -14,7 +14,7 @@ class OpenGLError(NoctuleError):
     def __init__(self, found: object) -> None:
         line = " ".join(str(found).split())
         super().__init__(
-            f"simulation: OpenGL cannot draw without a display (MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}): {line}; "
+            f"simulation: OpenGL cannot draw (MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}): {line}; "
             "install it, on Debian or Ubuntu: apt-get install libegl1 libgl1-mesa-dri libgles2"
         )
 

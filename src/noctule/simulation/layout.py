@@ -84,10 +84,9 @@ def room_layout(spec: RoomSpec) -> tuple[Footprint, ...]:
     """Return the footprints of walls, furniture, persons and columns, for maps."""
     x0, x1, y0, y1 = spec.x_min, spec.x_max, spec.y_min, spec.y_max
     inside = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-    prints = [Footprint("walls", "wall", inside, (0.35, 0.35, 0.38))]
-    for solid in draw_layout(spec).solids:
-        prints.append(Footprint(solid.name, solid.kind, solid_polygon(solid), solid.rgb))
-    return tuple(prints)
+    walls = Footprint("walls", "wall", inside, (0.35, 0.35, 0.38))
+    solids = draw_layout(spec).solids
+    return (walls, *(Footprint(s.name, s.kind, solid_polygon(s), s.rgb) for s in solids))
 
 
 def solid_polygon(solid: Solid) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def _drum(half: tuple[float, float, float]) -> list[Array]:
     a = np.linspace(0.0, 2.0 * math.pi, SIDES_OF_A_DRUM + 1)
     ring = r * np.column_stack([np.cos(a), np.sin(a)])
     faces = []
-    for p, q in zip(ring[:-1], ring[1:], strict=True):
+    for p, q in pairwise(ring):
         faces.append(np.array([[*p, -z], [*q, -z], [*q, z], [*p, z]]))
         faces.append(np.array([[0.0, 0.0, z], [*p, z], [*q, z], [0.0, 0.0, z]]))
     return faces

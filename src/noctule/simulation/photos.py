@@ -46,15 +46,17 @@ def photo(name: str) -> Image:
     """Return a photograph (h, w, 3) RGB, at most 640 pixels wide and high, read-only."""
     package = importlib.util.find_spec("skimage")
     folder = Path(package.origin).parent / "data" if package is not None and package.origin else Path()
-    picture = cv2.imread(str(folder / FILES[name]), cv2.IMREAD_COLOR_RGB)
-    if picture is None:
+    found = cv2.imread(str(folder / FILES[name]), cv2.IMREAD_COLOR_RGB)
+    if found is None:
         raise PhotoError(
             f"simulation: photograph {FILES[name]!r} is not in {folder}; "
             "expected it in the installed scikit-image: install scikit-image>=0.25 again"
         )
+    picture = np.asarray(found, dtype=np.uint8)
     scale = min(1.0, 640.0 / max(picture.shape[:2]))
     if scale < 1.0:
-        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        size = (round(scale * picture.shape[1]), round(scale * picture.shape[0]))
+        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     mild = desaturate(picture)
     mild.setflags(write=False)
     return mild
@@ -65,28 +67,33 @@ def desaturate(picture: NDArray[np.generic], most: float = MOST_SATURATED) -> Im
     x = np.asarray(picture, dtype=np.float32)
     # Rounding to whole grey levels may add saturation to dark pixels: aim a little lower.
     most = most - 0.02
-    y = x @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
-    high, low = x.max(axis=2), x.min(axis=2)
+    r, g, b = x[..., 0], x[..., 1], x[..., 2]
+    y = np.float32(0.299) * r + np.float32(0.587) * g + np.float32(0.114) * b
+    high, low = np.maximum(np.maximum(r, g), b), np.minimum(np.minimum(r, g), b)
     # S of y + k (x - y) is k (high - low) / (y + k (high - y)); solve S = most for k.
     need = (high - low) - most * (high - y)
     k = np.where(need > most * y, most * y / np.maximum(need, 1e-6), 1.0)[..., None]
     mild = y[..., None] + k * (x - y[..., None])
-    return np.clip(np.rint(mild), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(mild), 0, 255), dtype=np.uint8)
 
 
 def fractal(
     rng: np.random.Generator, height: int, width: int, coarsest: int = 4, octaves: int = 6, keep: float = 0.6
 ) -> NDArray[np.float32]:
     """Return noise (height, width) of many scales, mean 0, sd 1; `keep` is the weight from scale to scale."""
-    total = np.zeros((1, 1), dtype=np.float32)
+    total: NDArray[np.float32] = np.zeros((1, 1), dtype=np.float32)
     for octave in range(octaves):
         rows = min(height, coarsest << octave)
         columns = min(width, max(1, (coarsest << octave) * width // height))
         # Each scale is laid over the enlarged coarser ones, so only the last one costs the full size.
-        total = cv2.resize(total, (columns, rows), interpolation=cv2.INTER_CUBIC)
-        total = total + keep**octave * rng.standard_normal((rows, columns), dtype=np.float32)
-    total = cv2.resize(total, (width, height), interpolation=cv2.INTER_CUBIC)
+        finer = rng.standard_normal((rows, columns), dtype=np.float32)
+        total = _enlarged(total, rows, columns) + np.float32(keep**octave) * finer
+    total = _enlarged(total, height, width)
     return np.asarray((total - total.mean()) / (total.std() + 1e-9), dtype=np.float32)
+
+
+def _enlarged(grey: NDArray[np.float32], rows: int, columns: int) -> NDArray[np.float32]:
+    return np.asarray(cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_CUBIC), dtype=np.float32)
 
 
 def tinted(grey: NDArray[np.floating], rgb: tuple[float, float, float]) -> NDArray[np.float32]:

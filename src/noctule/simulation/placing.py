@@ -94,7 +94,7 @@ def _draw(spec: RoomSpec, side: str, kind: FurnitureKind, rng: np.random.Generat
     width, depth = w0 + (w1 - w0) * u[0], d0 + (d1 - d0) * u[1]
     height = min(h0 + (h1 - h0) * u[2], 0.9 * spec.size[2])
     clear = spec.keep_clear
-    # Room between the wall and the clear rectangle: half of the pieces stand at the wall, half anywhere in it.
+    # Room between the wall and the clear rectangle: some pieces stand at the wall, some anywhere in it.
     rooms = {
         "front": spec.x_max - clear.x_max - clear.margin,
         "back": clear.x_min - clear.margin - spec.x_min,

@@ -13,8 +13,8 @@ from noctule.simulation.engine import OpenGLError, mujoco
 class Renderer:
     """An off-screen renderer of a scene in which nothing moves but the camera.
 
-    Use it from one thread. Its pictures follow `PinholeCamera`: (0, 0) is the centre of the top left pixel, so
-    the frustum of a centred camera is symmetric.
+    Use it from one thread. Its pictures follow `PinholeCamera`: (0, 0) is the centre of the top left
+    pixel, so the frustum of a centred camera is symmetric.
     """
 
     def __init__(self, model: mujoco.MjModel, camera: PinholeCamera) -> None:
@@ -32,7 +32,7 @@ class Renderer:
         near = model.vis.map.znear * model.stat.extent
         for eye in self._renderer.scene.camera:
             eye.frustum_center = near * ((camera.width - 1) / 2.0 - camera.cx) / camera.fx
-            # Half the width of the near plane; 0 would take it from the picture's aspect, right for fx = fy only.
+            # Half the width of the near plane; 0 would take it from the aspect, right for fx = fy only.
             eye.frustum_width = near * camera.width / 2.0 / camera.fx
             eye.frustum_top = near * (camera.cy + 0.5) / camera.fy
             eye.frustum_bottom = near * (camera.cy + 0.5 - camera.height) / camera.fy

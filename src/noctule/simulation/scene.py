@@ -17,7 +17,7 @@ from noctule.simulation.textures import framed, paint
 
 @lru_cache(maxsize=2)
 def build_scene(layout: Layout) -> mujoco.MjModel:
-    """Return the model to draw, with no camera of its own and nothing that moves. Do not change it: it is kept."""
+    """Return the model to draw: nothing in it moves. The last two are kept, so do not change them."""
     meshes = MeshSet(np.random.default_rng([layout.spec.seed, 1]))
     for block in layout.blocks:
         meshes.block(block)
@@ -94,7 +94,7 @@ def _add_mesh(spec: mujoco.MjSpec, name: str, mesh: Mesh, picture: np.ndarray) -
     corners = np.array(mesh.corners)  # (n, 4, 3)
     n = len(corners)
     first = 4 * np.arange(n)[:, None]
-    faces = np.vstack([first + [0, 1, 2], first + [0, 2, 3]])
+    faces = np.vstack([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     spec.add_mesh(

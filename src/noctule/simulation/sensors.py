@@ -17,9 +17,9 @@ BATTERY_LIFE = 900.0  # [s]
 class StateSensors:
     """Turns the true motion into reports.
 
-    Errors: roll and pitch each carry a bias of the flight and a Gauss-Markov process, which share the variance
-    `attitude_sd`^2 in halves; velocity a bias and white noise; height white noise; yaw a constant drift. Every
-    report draws the same number of values, so the errors do not depend on what is flown.
+    Errors: roll and pitch each carry a bias of the flight and a Gauss-Markov process, which share the
+    variance `attitude_sd`^2 in halves; velocity a bias and white noise; height white noise; yaw a constant
+    drift. Every report draws the same number of values, so the errors do not depend on what is flown.
     """
 
     def __init__(self, spec: VehicleSpec, seed: np.random.SeedSequence) -> None:
@@ -37,13 +37,13 @@ class StateSensors:
         """Return the next report; call it once per report period."""
         draw = self._rng.standard_normal(6)
         self._attitude_slow = self._keep * self._attitude_slow + self._renew * draw[:2]
-        roll, pitch = (motion.roll, motion.pitch) + self._attitude_bias + self._attitude_slow
+        attitude = np.array([motion.roll, motion.pitch]) + self._attitude_bias + self._attitude_slow
         velocity = np.array(motion.heading_velocity()[:3])
         return VehicleState(
             stamp=stamp,
             flight_state=flight_state,
-            roll=float(roll),
-            pitch=float(pitch),
+            roll=float(attitude[0]),
+            pitch=float(attitude[1]),
             yaw=wrap_angle(motion.yaw + self._yaw_drift * stamp),
             v_body=velocity + self._velocity_bias + self._spec.velocity_noise * draw[2:5],
             height=float(motion.z + self._spec.height_noise * draw[5]),

@@ -76,9 +76,9 @@ def _plaster(rng: np.random.Generator, wide: int, tall: int, height: float) -> n
     wall[tall - int(0.1 * per_metre) :] = (186, 180, 170)
     marks = np.ones((tall, wide), dtype=np.float32)
     for _ in range(int(wide / per_metre * 14)):
-        at = (int(rng.integers(0, wide)), int(rng.integers(0, tall)))
-        axes = tuple(int(v) for v in (rng.integers(1, 9), rng.integers(1, 4)))
-        cv2.ellipse(marks, at, axes, float(rng.uniform(0, 180)), 0, 360, float(rng.uniform(0.6, 1.15)), -1)
+        spot = (int(rng.integers(0, wide)), int(rng.integers(0, tall)))
+        axes = (int(rng.integers(1, 9)), int(rng.integers(1, 4)))
+        cv2.ellipse(marks, spot, axes, float(rng.uniform(0, 180)), 0, 360, float(rng.uniform(0.6, 1.15)), -1)
     wall *= cv2.GaussianBlur(marks, (0, 0), 1.0)[..., None]
     return wall
 

@@ -117,8 +117,8 @@ class RoomSpec(Settings):
         for name, x, y in things:
             if not (self.x_min <= x <= self.x_max and self.y_min <= y <= self.y_max):
                 raise ValueError(
-                    f"{name} stands at ({x:g}, {y:g}), outside the walls: x {self.x_min:g} to {self.x_max:g}, "
-                    f"y {self.y_min:g} to {self.y_max:g}"
+                    f"{name} stands at ({x:g}, {y:g}), outside the walls: "
+                    f"x {self.x_min:g} to {self.x_max:g}, y {self.y_min:g} to {self.y_max:g}"
                 )
         return self
 
@@ -243,5 +243,6 @@ def world_from_toml(text: str) -> WorldSpec:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "world"
         raise WorldFileError(
-            f"world file: {where}: {first['msg']}, found {first['input']!r}; see simulation/room.toml for an example"
+            f"world file: {where}: {first['msg']}, found {first['input']!r}; "
+            "see simulation/room.toml for an example"
         ) from None

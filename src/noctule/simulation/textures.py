@@ -194,7 +194,7 @@ def _window(rng: np.random.Generator, name: str) -> np.ndarray:
     trees = SIZE * (0.62 + 0.06 * fractal(rng, 2, SIZE, 1, 8, 0.7)[0])
     wood = tinted(1.0 + 0.22 * fractal(rng, SIZE, SIZE, 8, 6, 0.8), (96, 112, 84))
     view = np.where((np.arange(SIZE)[:, None] > trees)[..., None], wood, sky).astype(np.float32)
-    view = cv2.GaussianBlur(view, (0, 0), 1.5)
+    view = np.asarray(cv2.GaussianBlur(view, (0, 0), 1.5), dtype=np.float32)
     for at in (6, SIZE // 2, SIZE - 7):
         cv2.line(view, (at, 0), (at, SIZE), (226, 222, 214), 16)
         cv2.line(view, (0, at), (SIZE, at), (226, 222, 214), 16)

@@ -59,8 +59,8 @@ class SimulatedWorld:
     """A room with a vehicle in it. Close it, or use it in a with block.
 
     The same settings and seed give the same flight bit for bit. Looks of the room, gusts, the errors of
-    reports and the pixels' noise have random streams of their own: one does not shift another. Nothing is drawn,
-    and no OpenGL is needed, before the first picture is read.
+    reports and the pixels' noise have random streams of their own: one does not shift another. Nothing is
+    drawn before the first picture is read.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class SimulatedWorld:
         return cls(spec.room, spec.vehicle, spec.camera, start, spec.seed, start_flying=start_flying)
 
     def photograph(self, pose: Pose, *, noisy: bool = False) -> Picture:
-        """Return what the vehicle's camera would see from `pose`, whatever flies; stamped with the present."""
+        """Return what the vehicle's camera would see from `pose`, stamped with the present."""
         pixels = self._draw(pose)
         if noisy:
             pixels = self._photo_noise.add(pixels, self._photos)
@@ -104,7 +104,7 @@ class SimulatedWorld:
         return Picture(self._aircraft.now, pixels)
 
     def clearance(self, pose: Pose) -> tuple[float, tuple[str, ...]]:
-        """Return (clearance [m], contacts) of the hull at `pose`: for planning experiments, not for pilots."""
+        """Return (clearance [m], contacts) of the hull at `pose`: to plan experiments, not for pilots."""
         return self._clearance.measure(pose)
 
     def close(self) -> None:
