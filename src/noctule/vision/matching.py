@@ -113,11 +113,12 @@ def match_robust(
     camera_current: PinholeCamera | None = None,
     ratio: float = 0.8,
     threshold: float = 2.0,
-    fewest: int = 8,
+    fewest: int = 14,
 ) -> Matches:
     """Match two pictures' features: ratio test, then robust geometry with a `threshold` [px].
 
-    Too few matches (below `fewest`) are no exception: the result is empty and says why. Deterministic.
+    Too few matches (below `fewest`) are no exception: the result is empty and says why. Between unrelated
+    photographs up to eleven features agreed by chance, hence the default. Deterministic.
     """
     index_ref, index_current, quality = _match_with_ratio(ref, current, ratio)
     n_ratio = len(index_ref)

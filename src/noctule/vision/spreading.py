@@ -34,19 +34,19 @@ def spread(p: Array, width: int, height: int, most: int = 60, weights: Array | N
     """Return the indices, ascending, of at most `most` points (n, 2) [px], well spread over the picture.
 
     Greedy farthest point selection in the `width` x `height` picture, where the distance of a point is
-    multiplied by its weight (n,) > 0 (1 without `weights`), so of two neighbours the better one stays.
+    multiplied by its weight (n,) > 0 (1 without `weights`), so of two neighbours the better one stays. The
+    picture's edge counts as half a neighbour: what is near it is soon gone.
     """
     n = len(p)
     if n <= most:
         return np.arange(n)
     scaled = np.asarray(p, dtype=np.float64) / max(width, height)
     weight = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
-    centre = np.array([width, height]) / (2.0 * max(width, height))
+    far_corner = np.array([width - 1.0, height - 1.0]) / max(width, height)
     chosen = np.empty(most, dtype=np.intp)
-    nearest = 0.01 + np.sum((scaled - centre) ** 2, axis=1)
+    nearest = (2.0 * np.minimum(scaled, far_corner - scaled).min(axis=1)) ** 2
     for k in range(most):
         chosen[k] = np.argmax(nearest * weight**2)
-        distance = np.sum((scaled - scaled[chosen[k]]) ** 2, axis=1)
-        nearest = distance if k == 0 else np.minimum(nearest, distance)
+        nearest = np.minimum(nearest, np.sum((scaled - scaled[chosen[k]]) ** 2, axis=1))
         nearest[chosen[: k + 1]] = -1.0
     return np.sort(chosen)

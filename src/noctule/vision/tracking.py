@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from noctule.geometry import Array
 from noctule.vision.features import Pixels, gray
 
-WINDOW = 21  # [px]
+WINDOW = 19  # [px]
 LEVELS = 3  # coarser levels above the picture itself
-_CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)
+_CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 15, 0.02)
 Mask = NDArray[np.bool_]
 
 
@@ -127,6 +127,14 @@ def _affine(p: Array, q: Array) -> Array:
     return np.asarray(X.T)
 
 
+def _warp(picture: Pyramid, warp: Array) -> Pyramid:
+    height, width = picture.shape
+    moved = cv2.warpAffine(
+        picture.brightness, warp, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return Pyramid(np.asarray(moved, dtype=np.uint8))
+
+
 def align(
     reference: Pyramid, current: Pyramid, p_ref: Array, p_initial: Array, least_score: float = 0.8
 ) -> Alignment:
@@ -140,8 +148,7 @@ def align(
         n = len(p_ref)
         return Alignment(np.array(p_initial, dtype=np.float64), np.zeros(n, dtype=np.bool_), np.zeros(n))
     warp = _affine(p_ref, p_initial)
-    height, width = current.shape
-    warped = Pyramid(np.asarray(cv2.warpAffine(reference.brightness, warp, (width, height)), dtype=np.uint8))
+    warped = _warp(reference, warp)
     p_warped = np.column_stack([p_ref, np.ones(len(p_ref))]) @ warp.T
     p_new, ok = track(warped, current, p_warped, p_initial)
     ok &= inside(p_warped, current.shape)
