@@ -1,6 +1,6 @@
 """The flight: the loop that owns time and safety, the mission file, path folders, the recording."""
 
-from noctule.flight.loop import Aborted, Flown, LoopSettings, Rig, fly
+from noctule.flight.loop import Aborted, Flown, LoopSettings, fly
 from noctule.flight.mission import (
     Mission,
     MissionFileError,
@@ -13,6 +13,7 @@ from noctule.flight.mission_flight import FlightResult, fly_mission
 from noctule.flight.path_folder import load_path, load_truth, save_path
 from noctule.flight.reader import Recording, RecordingFileError, read_recording
 from noctule.flight.recording import FlightRecorder, RecordingError
+from noctule.flight.rig import Rig
 from noctule.flight.summary import pool, summary_of
 from noctule.flight.teach import teach
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
-from noctule.flight.proto import flight_pb2 as pb
+from noctule.flight.proto import flight_pb2
 from noctule.geometry import Array, Pose
 from noctule.messages import (
     ColumnBox,
@@ -24,6 +24,8 @@ from noctule.messages import (
     Truth,
     VehicleState,
 )
+
+pb: Any = flight_pb2  # its classes are made when it is imported, no type checker sees them
 
 _OPTIONAL = ("roll", "pitch", "yaw", "height", "battery", "link_quality")
 

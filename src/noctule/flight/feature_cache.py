@@ -34,8 +34,9 @@ def features_and_links(
 ) -> tuple[tuple[Features, ...], tuple[KeyLink, ...]]:
     """Return the features of every picture and the links between neighbours.
 
-    They come from `cache` where that was made for the same `key`; otherwise they are computed and cached. A cache that
-    cannot be written is done without. Raises NeighbourError when neighbours share fewer than 16 points.
+    They come from `cache` where that was made for the same `key`; otherwise they are computed and cached. A
+    cache that cannot be written is done without. Raises NeighbourError when neighbours share fewer than 16
+    points.
     """
     key = f"{_VERSION}:{cv2.__version__}:{key}"
     found = _load(cache, key, len(pictures), kind)

@@ -32,7 +32,7 @@ class DeadReckoning:
     travelled: float = 0.0  # [m]
 
     def margin(self, fence: Fence) -> float:
-        """What the position may be off by [m]."""
+        """Return what the position may be off by [m]."""
         return fence.margin_per_second * self.elapsed + fence.margin_per_metre * self.travelled
 
     def advance(self, state: VehicleState, sent: Array, dt: float) -> DeadReckoning:
@@ -55,10 +55,10 @@ class DeadReckoning:
 def bound_by_fence(
     wanted: Array, position: Array, yaw: float, margin: float, fence: Fence, limits: Limits
 ) -> Array:
-    """Return `wanted` (4,) with the speed toward each side no higher than what can still be braked.
+    """Return `wanted` (4,) with the speed toward each side no higher than what can be braked.
 
-    The distance to a side is reduced by `margin` in the plane (height is measured, not added up). On or beyond a side
-    there is no speed toward it; the way back is free.
+    The distance to a side is reduced by `margin` in the plane (height is measured, not added up). On or
+    beyond a side there is no speed toward it; the way back is free.
     """
     R = rot_z(yaw)
     v_world = R @ wanted[:3]

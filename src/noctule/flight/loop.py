@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from noctule.devices.protocols import Camera, Clock, DeviceError, Referee, StaleFrameError, Vehicle
+from noctule.devices.protocols import StaleFrameError
 from noctule.errors import NoctuleError
 from noctule.flight.fence import DeadReckoning
+from noctule.flight.interrupt import interruptible
 from noctule.flight.progress import Show
 from noctule.flight.recording import FlightRecorder, RecordingError, sent_message
+from noctule.flight.rig import Rig, take_off
 from noctule.flight.summary import Samples
 from noctule.flight.supervisor import Action, Bounds, Inputs, Ruling, State, supervise
 from noctule.flight.worker import Matcher, MatchWorker
@@ -23,7 +21,6 @@ from noctule.geometry import Pose
 from noctule.messages import (
     Command,
     Decision,
-    FlightState,
     MatchResult,
     Observation,
     Outcome,
@@ -35,22 +32,11 @@ from noctule.messages import (
 
 _BRAKE_LIMIT = 3.0  # [s] to come to rest after the end
 _LAND_LIMIT = 15.0  # [s] to reach the ground
-_TAKEOFF_LIMIT = 20.0  # [s]
 _RESTING = 0.05  # [m/s]
 
 
-class Aborted(NoctuleError):
+class Aborted(NoctuleError):  # noqa: N818  (an end that was asked for, not a fault)
     """The flight was ended from outside; the recording can be read."""
-
-
-@dataclass(frozen=True, slots=True)
-class Rig:
-    """What flies: the devices on one clock, and the referee where there is one."""
-
-    clock: Clock
-    vehicle: Vehicle
-    camera: Camera
-    referee: Referee | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,26 +73,6 @@ class Flown:
         """Set the outcome; the first one stands."""
         if self.outcome is None:
             self.outcome, self.reason, self.error = outcome, reason, error
-
-
-@contextmanager
-def _interruptible() -> Iterator[threading.Event]:
-    """Turn the first Ctrl-C into an event, so that it never tears a tick apart; the second interrupts."""
-    asked = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield asked
-        return
-
-    def on_signal(number: int, frame: object) -> None:
-        if asked.is_set():
-            raise KeyboardInterrupt
-        asked.set()
-
-    before = signal.signal(signal.SIGINT, on_signal)
-    try:
-        yield asked
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 class _Loop:
@@ -255,7 +221,7 @@ class _Loop:
             self.wait()
             state = self.rig.vehicle.state()
             since = self.stamp - begin
-            landing = resting and land or self.supervisor == State.LANDING
+            landing = (resting and land) or self.supervisor == State.LANDING
             ruling = self.rule(Command(), state, True, landing, self.dt)
             sent = self.execute(ruling)
             try:
@@ -266,24 +232,6 @@ class _Loop:
             resting = resting or (sent == Command() and speed < _RESTING) or since > _BRAKE_LIMIT
             if (resting and not landing and not land) or since > _BRAKE_LIMIT + _LAND_LIMIT:
                 return
-
-
-def take_off(rig: Rig, height: float, rate_hz: float = 30.0) -> None:
-    """Have the vehicle hover at `height` [m]; one that flies already is left alone. Raises DeviceError."""
-    if rig.vehicle.state().flight_state == FlightState.FLYING:
-        return
-    rig.vehicle.arm()
-    rig.vehicle.takeoff(height)
-    begin = rig.clock.now()
-    while (state := rig.vehicle.state()).flight_state != FlightState.FLYING:
-        waited = rig.clock.now() - begin
-        if waited > _TAKEOFF_LIMIT:
-            rig.vehicle.land()
-            raise DeviceError(
-                f"take-off: the vehicle still says {str(state.flight_state)!r} after {waited:.0f} s, "
-                "expected 'flying'; is it armed, level and charged?"
-            )
-        rig.clock.sleep_until(rig.clock.now() + 1.0 / rate_hz)
 
 
 def fly(
@@ -298,14 +246,14 @@ def fly(
 ) -> Flown:
     """Fly until the pilot, the judge, the supervisor or Ctrl-C ends it, then brake to hover (and land).
 
-    The vehicle is connected and the camera open. `start` is where dead reckoning begins. What went wrong is in the
-    result's `error`, for the caller to raise once all is closed.
+    The vehicle is connected and the camera open. `start` is where dead reckoning begins. What went wrong is
+    in the result's `error`, for the caller to raise once all is closed.
     """
     take_off(rig, settings.height, settings.rate_hz)
     flown = Flown()
     worker = MatchWorker(matcher, settings.match_delay_s)
     loop = _Loop(rig, settings, bounds, worker, recorder, start, flown.samples.sent)
-    with _interruptible() as interrupted:
+    with interruptible() as interrupted:
         try:
             loop.wait()
             flown.begin = flown.end = loop.stamp
@@ -334,4 +282,7 @@ def fly(
 
 
 def _aborted(elapsed: float) -> str:
-    return f"flight: ended by Ctrl-C after {elapsed:.1f} s, hovered and landed; the recording until then can be read"
+    return (
+        f"flight: ended by Ctrl-C after {elapsed:.1f} s, hovered and landed; "
+        "the recording until then can be read"
+    )

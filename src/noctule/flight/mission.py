@@ -23,6 +23,12 @@ from noctule.simulation.spec import CameraSpec, LimitsSpec, RoomSpec, VehicleSpe
 Metres = Annotated[float, Field(ge=-100.0, le=100.0)]
 
 
+PathPose = Annotated[
+    tuple[Annotated[float, Field(ge=-360.0, le=360.0)], ...], Field(min_length=4, max_length=4)
+]
+"""x, y, z [m] and heading [deg]."""
+
+
 class MissionFileError(NoctuleError):
     """A mission file with mistakes, one a line."""
 
@@ -60,7 +66,7 @@ class PathSettings(Settings):
     """The visual path: a folder of key images, or poses where a simulated flight takes them."""
 
     folder: Path | None = Field(None, description="path folder, relative to the mission file")
-    poses: tuple[tuple[Metres, Metres, Metres, float], ...] | None = Field(
+    poses: tuple[PathPose, ...] | None = Field(
         None, min_length=1, max_length=500, description="x, y, z [m] and heading [deg] of each key image"
     )
 
@@ -115,7 +121,7 @@ class RecordingSettings(Settings):
     """What is kept of the flight."""
 
     lossless: bool = Field(False, description="exact pictures, for replay bit for bit")
-    jpeg_quality: int = Field(85, ge=10, le=100, description="of pictures that are not lossless")
+    jpeg_quality: int = Field(80, ge=10, le=100, description="of lossy pictures")
 
 
 class Mission(Settings):

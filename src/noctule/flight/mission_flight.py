@@ -7,23 +7,29 @@ import json
 import platform
 import zipfile
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from noctule.flight.codec import encode_pose
-from noctule.flight.loop import Flown, LoopSettings, Rig, fly
+from noctule.flight.loop import Flown, LoopSettings, fly
 from noctule.flight.mission import Mission
 from noctule.flight.path_folder import load_path, load_truth
 from noctule.flight.progress import flight_progress
 from noctule.flight.recording import FlightRecorder
+from noctule.flight.rig import Rig
 from noctule.flight.summary import summarise
 from noctule.flight.teach import teach
 from noctule.geometry import Pose
+from noctule.messages import FlightState, MatchResult, Observation, Picture, VehicleState
 from noctule.pilots import make_matcher, make_pilot
+from noctule.pilots.visual_path import VisualPath
 from noctule.simulation import SimulatedWorld
 
+_WARM_TICKS = 6
 _PACKAGES = ("noctule", "numpy", "opencv-python-headless", "mujoco", "numba", "foxglove-sdk")
 
 
@@ -57,10 +63,11 @@ def fly_mission(
     mission = settled(mission, seed, law)
     seed = mission.flight.seed
     folder = mission.path.folder or teach(mission, seed, out)
-    path = load_path(folder, mission.camera.intrinsics)
+    path = load_path(folder, mission.camera.intrinsics, mission.pilot.features)
     truth = load_truth(folder)
     pilot = make_pilot(mission.pilot, path, mission.limits.values(), 1.0 / mission.flight.rate_hz)
     matcher = make_matcher(mission.pilot, path)
+    warm_up(mission, path)
     settings = LoopSettings(
         mission.flight.rate_hz,
         mission.flight.time_limit_s,
@@ -92,6 +99,19 @@ def fly_mission(
         if flown.error is not None:
             raise flown.error
     return FlightResult(summary, recording, out)
+
+
+def warm_up(mission: Mission, path: VisualPath) -> None:
+    """Let a pilot that is then thrown away see the first key image, so that no tick of the flight compiles code."""
+    dt = 1.0 / mission.flight.rate_hz
+    pilot = make_pilot(mission.pilot, path, mission.limits.values(), dt)
+    matcher = make_matcher(mission.pilot, path)
+    still = VehicleState(0.0, FlightState.FLYING, 0.0, 0.0, 0.0, np.zeros(3), 1.0)
+    matches: tuple[MatchResult, ...] = ()
+    for i in range(_WARM_TICKS):
+        picture = Picture(i * dt, path.images[0].pixels)
+        decision = pilot.step(Observation(i * dt, replace(still, stamp=i * dt), picture, matches))
+        matches = tuple(matcher(picture, r.key_index) for r in decision.requests)
 
 
 def settled(mission: Mission, seed: int | None, law: Literal["published", "noctule"] | None) -> Mission:

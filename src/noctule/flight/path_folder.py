@@ -167,7 +167,7 @@ def _read_picture(folder: Path, entry: ImageEntry, camera: CameraEntry) -> NDArr
         data = (folder / entry.file).read_bytes()
     except OSError as error:
         raise PathFolderError(
-            f"{where} cannot be read ({error.strerror}); path.toml lists it: restore it or teach the path again"
+            f"{where} cannot be read ({error.strerror}); restore it or teach the path again"
         ) from None
     found = hashlib.sha256(data).hexdigest()
     if found != entry.sha256:
@@ -186,8 +186,10 @@ def _read_picture(folder: Path, entry: ImageEntry, camera: CameraEntry) -> NDArr
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-def load_path(folder: Path, expected: PinholeCamera | None = None) -> VisualPath:
+def load_path(folder: Path, expected: PinholeCamera | None = None, kind: str | None = None) -> VisualPath:
     """Load a path folder and check it; features and links come from its cache where that fits.
+
+    `kind` asks for another kind of feature than the path was taught with.
 
     Raises
     ------
@@ -207,14 +209,15 @@ def load_path(folder: Path, expected: PinholeCamera | None = None) -> VisualPath
         check_camera(camera, expected, f"path {folder}")
     pictures = [_read_picture(folder, entry, c) for entry in file.images]
     names = [entry.file for entry in file.images]
-    key = "".join([file.features, *(entry.sha256 for entry in file.images), repr(camera)])
+    kind = kind or file.features
+    key = "".join([kind, *(entry.sha256 for entry in file.images), repr(camera)])
     features, links = features_and_links(
         folder / "features.npz",
         hashlib.sha256(key.encode()).hexdigest(),
         pictures,
         names,
         camera,
-        file.features,
+        kind,
     )
     images = tuple(
         KeyImage(e.file, p, f, float(np.radians(e.roll_deg)), float(np.radians(e.pitch_deg)))
@@ -229,7 +232,7 @@ def check_camera(camera: PinholeCamera, expected: PinholeCamera, where: str) -> 
         taken, flying = getattr(camera, name), getattr(expected, name)
         if abs(taken - flying) > 0.1:
             raise PathCameraError(
-                f"{where}: it was taken by a camera with {name} {taken:g} px, the mission's has {flying:g} px; "
+                f"{where}: it was taken by a camera with {name} {taken:g} px, the mission's has {flying:g}; "
                 "fly it with the camera that took it or teach the path again"
             )
 

@@ -42,7 +42,7 @@ class _AppendOnlyFile:
         self._size = 0
         self.error: OSError | None = None
 
-    def write(self, data: bytes) -> int:
+    def write(self, data: bytes | bytearray) -> int:
         if self.error is None:
             try:
                 self._write_all(memoryview(data))
@@ -98,7 +98,7 @@ class FlightRecorder:
         By `tick`, `note` and `close`, once the disk refuses; the file is then cut to whole records.
     """
 
-    def __init__(self, path: Path, *, lossless: bool = False, jpeg_quality: int = 85) -> None:
+    def __init__(self, path: Path, *, lossless: bool = False, jpeg_quality: int = 80) -> None:
         self.path = path
         self._lossless, self._jpeg_quality = lossless, jpeg_quality
         try:

@@ -23,13 +23,13 @@ def explain(error: ValidationError, model: type[BaseModel], text: str, name: str
     """Return the mistakes in the TOML `text` of file `name`, one a line."""
     lines = key_lines(text)
     told: list[str] = []
-    seen: set[tuple[str | int, ...]] = set()
-    for item in error.errors(include_url=False):
-        location, field, owner = _find(model, item["loc"])
-        # A union tells one mistake per member; the first says enough.
-        if location in seen:
+    found = [(item, *_find(model, item["loc"], item["type"])) for item in error.errors(include_url=False)]
+    places = [location for _, location, _, _ in found]
+    for i, (item, location, field, owner) in enumerate(found):
+        # A union tells a mistake per member: the deepest of them says most, of equals the first.
+        deeper = any(len(p) > len(location) and p[: len(location)] == location for p in places)
+        if deeper or location in places[:i]:
             continue
-        seen.add(location)
         line = line_of(lines, location)
         where = name if line is None else f"{name}:{line}"
         told.append(f"{where}: {_sentence(item, location, field, owner)}")
@@ -76,14 +76,16 @@ def _accepted(item: Any, field: FieldInfo | None) -> str:
     if item["type"] == "literal_error":
         said = "one of " + str(context["expected"]).replace(" or ", ", ").replace("'", "")
     elif item["type"] in ("too_long", "too_short"):
-        said = f"a list of {context.get('max_length', context.get('min_length'))}"
+        most = context.get("max_length")
+        said = f"a list of at {f'most {most}' if most is not None else f'least {context["min_length"]}'}"
     else:
         said = _range(item, field)
         for prefix, words in _TYPES.items():
             if item["type"].startswith(f"{prefix}_"):
                 said = words + (f", {said}" if said else "")
                 break
-    said = said or "another value"
+    if not said:
+        said = "a table" if field is not None and _models(field.annotation) else "a value"
     return f"{said} ({field.description})" if field is not None and field.description else said
 
 
@@ -114,7 +116,7 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _find(
-    model: type[BaseModel], location: tuple[str | int, ...]
+    model: type[BaseModel], location: tuple[str | int, ...], kind: str
 ) -> tuple[tuple[str | int, ...], FieldInfo | None, type[BaseModel]]:
     """Follow pydantic's location through the groups; returns it without pydantic's own words.
 
@@ -133,8 +135,7 @@ def _find(
             inside = bool(models)
             if models and n + 1 < len(location):
                 owner = models[0]
-        elif inside and n + 1 == len(location):
-            # Unknown to this group: the key itself is the mistake.
+        elif kind == "extra_forbidden" and n + 1 == len(location):
             clean.append(part)
             field = None
     return tuple(clean), field, owner

@@ -30,7 +30,7 @@ def command_steps(sent: Array) -> tuple[float, float]:
 
 
 def errors_at_end(final: Truth | None, goal: Pose | None) -> tuple[float | None, float | None]:
-    """Return the distance [m] and the absolute heading error [deg] between where it is and where it should be."""
+    """Return the distance [m] and the absolute heading error [deg] of where it is to where it should be."""
     if final is None or goal is None:
         return None, None
     distance = float(np.linalg.norm(final.pose.position - goal.position))
@@ -105,7 +105,7 @@ def goal_of(recording: Recording) -> Pose | None:
 
 
 def summary_of(recording: Recording) -> dict[str, Any]:
-    """Return the figures of a recording: those noted at the flight's end, or worked out where it was cut short.
+    """Return the figures of a recording: those noted at its end, or worked out where it was cut short.
 
     A flight whose end is missing has the outcome of its last tick, and "aborted" where that has none.
     """
@@ -129,9 +129,10 @@ def _outcome_of(recording: Recording) -> tuple[str, str]:
 def pool(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return one summary over many runs, with the keys and nesting of a run.
 
-    `outcome` becomes the rate of each outcome. `min_clearance_m` is the least and `max_command_step` the largest of
-    all; `tick_ms` is over all ticks where the recordings are there to be read, else the median of the medians and
-    the largest 95th percentile. Everything else is the median of what is known, None where nothing is.
+    `outcome` becomes the rate of each outcome. `min_clearance_m` is the least and `max_command_step` the
+    largest of all; `tick_ms` is over all ticks where the recordings are there to be read, else the median of
+    the medians and the largest 95th percentile. Everything else is the median of what is known, None where
+    nothing is.
     """
     steps = {axis: _of([r["max_command_step"][axis] for r in runs], max) for axis in ("linear", "angular")}
     summary: dict[str, Any] = {

@@ -18,9 +18,9 @@ import numpy as np
 
 from noctule.control.limiter import limit_command
 from noctule.errors import NoctuleError
-from noctule.flight.loop import Rig
 from noctule.flight.mission import Mission
 from noctule.flight.path_folder import Shot, save_path
+from noctule.flight.rig import Rig
 from noctule.geometry import Pose, rot_z, wrap_angle
 from noctule.messages import Command, Limits, Truth, VehicleState
 from noctule.simulation import SimulatedWorld

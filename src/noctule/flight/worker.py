@@ -51,7 +51,7 @@ class MatchWorker:
         self._jobs.append(_Job(due, self._pool.submit(self._match, picture, request.key_index)))
 
     def collect(self, now: float) -> tuple[MatchResult, ...]:
-        """Return what is finished at flight time `now` [s], oldest first; in simulation waits for what is due."""
+        """Return what is finished at flight time `now` [s], oldest first; in simulation wait for it."""
         finished = []
         while self._jobs:
             job = self._jobs[0]
