@@ -102,7 +102,7 @@ def fly_mission(
 
 
 def warm_up(mission: Mission, path: VisualPath) -> None:
-    """Let a pilot that is then thrown away see the first key image, so that no tick of the flight compiles code."""
+    """Show the first key image to a pilot that is then thrown away: no tick of the flight compiles code."""
     dt = 1.0 / mission.flight.rate_hz
     pilot = make_pilot(mission.pilot, path, mission.limits.values(), dt)
     matcher = make_matcher(mission.pilot, path)

@@ -76,8 +76,8 @@ def _accepted(item: Any, field: FieldInfo | None) -> str:
     if item["type"] == "literal_error":
         said = "one of " + str(context["expected"]).replace(" or ", ", ").replace("'", "")
     elif item["type"] in ("too_long", "too_short"):
-        most = context.get("max_length")
-        said = f"a list of at {f'most {most}' if most is not None else f'least {context["min_length"]}'}"
+        bound = "most" if "max_length" in context else "least"
+        said = f"a list of at {bound} {context['max_length' if bound == 'most' else 'min_length']}"
     else:
         said = _range(item, field)
         for prefix, words in _TYPES.items():
