@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -42,7 +43,7 @@ def fly_one(
 ) -> Run:
     """Fly the mission of `seed` into folder `out` and return its summary with "seed".
 
-    What a person can mend (a NoctuleError) or the machine refuses (an OSError) ends this flight only.
+    Whatever goes wrong ends this flight only; what nobody foresaw shows its traceback as well.
     """
     import cv2
 
@@ -55,6 +56,9 @@ def fly_one(
         return finish(run) if finish is not None else run
     except (NoctuleError, OSError) as error:
         return failed_run(seed, str(error))
+    except Exception as error:
+        traceback.print_exc()
+        return failed_run(seed, f"{type(error).__name__}: {error}")
 
 
 def failed_run(seed: int, reason: str) -> Run:
