@@ -159,7 +159,7 @@ def advance(
     """Move by one step of 1/300 s, in place (semi-implicit Euler).
 
     The autopilot's acceleration is cut to the limits; the gust [m/s^2, world] comes on top of it. Roll and
-    pitch are those of a rotor thrust that gives the autopilot's acceleration: it leans against the gust as far
+    pitch are those of a rotor thrust that gives the autopilot's acceleration: it leans against a gust as far
     as the velocity loop asks for it, and nothing leans against drag.
     """
     c, s = math.cos(motion.yaw), math.sin(motion.yaw)
