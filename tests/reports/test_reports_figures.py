@@ -19,7 +19,8 @@ from noctule.reports.series import (
 )
 from noctule.reports.strip import strip_figure
 from noctule.reports.style import encode_png, house_style
-from noctule.reports.views import closest_approach, nearest_point, path_extent, room_extent, views_figure
+from noctule.reports.top_view import closest_approach, nearest_point, path_extent
+from noctule.reports.views import views_figure
 
 LOG = make_log()
 
@@ -145,13 +146,20 @@ def test_without_the_truth_there_is_neither_map_nor_clearance():
     assert drawn(clearance_figure, without_truth(LOG)) is None
 
 
-def test_the_map_holds_the_whole_flight_and_the_walls_nearby():
+def test_the_map_holds_the_whole_flight_the_key_images_and_the_columns():
     low, high = path_extent(LOG, LOG.truth)
-    assert (LOG.truth.position[:, :2] >= low).all()
-    assert (LOG.truth.position[:, :2] <= high).all()
-    low, high = room_extent(LOG, LOG.truth)
-    assert low[0] < LOG.room[0, 0]
-    assert high[0] > LOG.room[1, 0]
+    columns = [s.outline for s in LOG.solids if s.kind == "column"]
+    for points in (LOG.truth.position[:, :2], LOG.key_poses[:, :2], *columns):
+        assert (points >= low).all()
+        assert (points <= high).all()
+
+
+def test_a_flight_without_a_described_room_has_no_map_of_the_whole_room():
+    with_room = [axis.get_title(loc="left") for axis in drawn(views_figure).axes]
+    without = [axis.get_title(loc="left") for axis in drawn(views_figure, replace(LOG, room=None)).axes]
+    assert "The whole room" in with_room
+    assert "The whole room" not in without
+    assert {"The flight from above", "The flight from the side"} <= {*with_room} & {*without}
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3))
@@ -181,12 +189,21 @@ def test_a_picture_without_points_or_columns_is_drawn_bare():
     assert not axis.patches
 
 
-def test_the_poster_shows_the_picture_with_the_widest_column():
-    boxes = LOG.snapshots[2].columns
-    wide = replace(LOG.snapshots[2], columns=(replace(boxes[0], right=150.0),))
-    snapshots = (*LOG.snapshots[:2], wide, *LOG.snapshots[3:])
-    assert telling_snapshot(replace(LOG, snapshots=snapshots)) is wide
+def test_the_poster_shows_a_large_column_near_the_middle_of_the_picture():
+    width, box = LOG.snapshots[2].pixels.shape[1], LOG.snapshots[2].columns[0]
+    middle = replace(LOG.snapshots[2], columns=(replace(box, left=width / 2 - 20, right=width / 2 + 20),))
+    aside = replace(LOG.snapshots[3], columns=(replace(box, left=0.0, right=60.0),))
+    assert telling_snapshot(replace(LOG, snapshots=(*LOG.snapshots[:2], middle, aside))) is middle
     assert telling_snapshot(replace(LOG, snapshots=())) is None
+
+
+def test_a_task_s_error_is_bold_only_while_the_task_is_active():
+    axis = drawn(tasks_figure).axes[0]
+    bold = line(axis, "while active").get_ydata()
+    active = LOG.activations["avoidance"] > 0.0
+    assert np.isfinite(bold).tolist() == active.tolist()
+    assert bold[active].tolist() == LOG.task_errors["avoidance"][active].tolist()
+    assert line(axis, "while inactive").get_ydata().tolist() == LOG.task_errors["avoidance"].tolist()
 
 
 @pytest.mark.parametrize("log", [LOG, without_truth(LOG), replace(LOG, snapshots=())])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ _COLUMNS: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("max_command_step", "angular"), "largest step, angular", "rad/s"),
     (("tick_ms", "p95"), "tick, 95th percentile", "ms"),
 )
+_POOLED = "Medians; of the clearance the least, of the command steps the largest, of the ticks all together."
 _PANELS = _COLUMNS[:3] + _COLUMNS[4:5]
 
 
@@ -83,7 +85,7 @@ def campaign_page(laws: Mapping[str, Mapping[str, Any]], figure: Drawing, out: P
     """Return the HTML page; links to the reports of single flights are relative to the folder `out`."""
     first = next(iter(laws.values()))["runs"]
     mission = title or str((first[0] if first else {}).get("mission") or "Campaign")
-    parts = [html.section("Pooled over all seeds", _pooled_table(laws))]
+    parts = [html.section("Pooled over all seeds", _pooled_table(laws), _POOLED)]
     parts.append(html.drawing(figure))
     for law, part in laws.items():
         parts.append(html.section(f"Law {law}: every flight", _runs_table(part["runs"], out)))
@@ -139,16 +141,14 @@ def _runs_table(runs: Sequence[Mapping[str, Any]], out: Path) -> str:
 
 
 def _link(run: Mapping[str, Any], out: Path) -> str:
-    """Return the seed, linked to the flight's own report when that lies inside the campaign's folder."""
+    """Return the seed, linked to the flight's own report when that lies in the campaign's folder."""
     seed = html.escape(run.get("seed", "?"))
     report = run.get("report")
-    if report:
-        try:
-            relative = Path(str(report)).resolve().relative_to(out.resolve())
-        except ValueError:
-            return seed
-        return f'<a href="{html.escape(relative.as_posix())}">{seed}</a>'
-    return seed
+    around = out.resolve().parent
+    if not report or not Path(str(report)).resolve().is_relative_to(around):
+        return seed
+    relative = Path(os.path.relpath(Path(str(report)).resolve(), out.resolve()))
+    return f'<a href="{html.escape(relative.as_posix())}">{seed}</a>'
 
 
 def spread_figure(laws: Mapping[str, Mapping[str, Any]]) -> Figure:

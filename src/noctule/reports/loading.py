@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from noctule.errors import NoctuleError
 from noctule.flight.reader import Recording, Tick, decode_picture, read_recording
+from noctule.flight.summary import summary_of
 from noctule.geometry import Array
 from noctule.reports.flight_log import FlightLog, Snapshot, TruthLog
 from noctule.reports.scene import read_scene
-from noctule.reports.tally import tally
 
 PICTURES = 6
 _TASK_ORDER = ("avoidance", "visibility", "servoing")  # the paper's hierarchy, from the top
@@ -25,8 +23,8 @@ class EmptyRecordingError(NoctuleError):
     """A recording in which the pilot was never asked."""
 
 
-def load_flight_log(recording: Path) -> FlightLog:
-    """Read a recording for its report.
+def load_flight_log(recording: Path, pictures: int = PICTURES) -> FlightLog:
+    """Read a recording for its report, with at most that many pictures of it.
 
     Raises
     ------
@@ -35,10 +33,10 @@ def load_flight_log(recording: Path) -> FlightLog:
     EmptyRecordingError
         When it holds no tick at which the pilot was asked.
     """
-    return flight_log(read_recording(Path(recording)))
+    return flight_log(read_recording(Path(recording)), pictures)
 
 
-def flight_log(recording: Recording) -> FlightLog:
+def flight_log(recording: Recording, pictures: int = PICTURES) -> FlightLog:
     """Return the flight of a recording that was read already, from the pilot's first tick to its last."""
     flown = recording.flown
     if not flown:
@@ -65,42 +63,30 @@ def flight_log(recording: Recording) -> FlightLog:
         tick_ms=np.array([t.tick_ms for t in flown]),
         truth=truth,
         tick_s=float(np.median(np.diff(times))) if len(times) > 1 else 1.0 / 30.0,
-        snapshots=_snapshots(flown, times),
+        snapshots=_snapshots(flown, times, pictures),
         **scene.drawn(),
     )
-    noted = noted_values(recording.notes.get("summary", {}))
     return replace(
         log,
-        summary=noted or tally(log, decisions[-1]),
+        summary=summary_of(recording),
         about=scene.about,
         mission_text=scene.text,
-        notes=(*_remarks(recording, log, noted), *scene.notes),
+        notes=(*_remarks(recording, log), *scene.notes),
     )
 
 
-def _remarks(recording: Recording, log: FlightLog, noted: Mapping[str, Any]) -> list[str]:
+def _remarks(recording: Recording, log: FlightLog) -> list[str]:
     remarks = []
     if not recording.complete:
         remarks.append(
             f"This recording was cut short: its last tick is at {log.span[1]:.1f} s, "
             "and the report shows what is there."
         )
-    if not noted:
+    if "summary" not in recording.notes:
         remarks.append("No summary in this recording: the figures were worked out from its ticks.")
     if log.truth is None:
         remarks.append("No truth in this recording: error in metres not available.")
     return remarks
-
-
-def noted_values(noted: Mapping[str, str]) -> dict[str, Any]:
-    """Return the values of a recording's note; each is JSON, or a plain word as it stands."""
-    values: dict[str, Any] = {}
-    for name, text in noted.items():
-        try:
-            values[name] = json.loads(text)
-        except json.JSONDecodeError:
-            values[name] = text
-    return values
 
 
 def _truth(flown: Sequence[Tick], start: float) -> TruthLog | None:
@@ -128,23 +114,26 @@ def _rank(name: str) -> tuple[int, str]:
     return (_TASK_ORDER.index(name) if name in _TASK_ORDER else len(_TASK_ORDER), name)
 
 
-def _snapshots(flown: Sequence[Tick], times: Array, wanted: int = PICTURES) -> tuple[Snapshot, ...]:
+def _snapshots(flown: Sequence[Tick], times: Array, wanted: int) -> tuple[Snapshot, ...]:
     """Pick pictures spread over the flight, each where there is most to see: columns first, then points."""
     rows = [i for i, tick in enumerate(flown) if tick.picture is not None]
     if not rows:
         return ()
-    inner = np.array_split(np.array(rows[1:-1], dtype=np.int64), max(wanted - 2, 1))
-    groups: list[list[int]] = [rows[:1], *(group.tolist() for group in inner), rows[1:][-1:]]
-    chosen = [max(group, key=lambda i: _worth(flown[i])) for group in groups if group]
+    chosen = [rows[0]]
+    for group in np.array_split(np.array(rows[1:-1], dtype=np.int64), max(wanted - 2, 1)):
+        # Away from the group's ends, so that neighbours do not show the same moment.
+        middle = group[len(group) // 4 : len(group) - len(group) // 4].tolist()
+        if middle:
+            chosen.append(max(middle, key=lambda i: _worth(flown[i])))
+    chosen += rows[1:][-1:]
     return tuple(_snapshot(flown[i], float(times[i])) for i in chosen)
 
 
-def _worth(tick: Tick) -> tuple[bool, float, bool]:
-    seen = tick.decision.diagnostics if tick.decision is not None else None
-    if seen is None:
-        return (False, 0.0, False)
-    tallest = max((box.right - box.left for box in seen.columns), default=0.0)
-    return (bool(seen.columns) and len(seen.points_current) > 0, tallest, len(seen.points_current) > 0)
+def _worth(tick: Tick) -> tuple[bool, float]:
+    assert tick.decision is not None
+    seen = tick.decision.diagnostics
+    widest = max((box.right - box.left for box in seen.columns), default=0.0)
+    return (len(seen.points_current) > 0, widest)
 
 
 def _snapshot(tick: Tick, time: float) -> Snapshot:

@@ -14,10 +14,11 @@ from noctule.reports.loading import load_flight_log
 from noctule.reports.series import mark_events
 from noctule.reports.strip import draw_snapshot, legend_handles
 from noctule.reports.style import AXIS_COLOURS, DPI, MUTED, encode_png, house_style, new_figure
-from noctule.reports.views import draw_top, path_extent
+from noctule.reports.top_view import draw_top, path_extent
 
 WIDTH, HEIGHT = 1600, 660  # [px]
 _MAP_SHAPE = 2.1  # width over height
+_CHOICE = 60  # pictures to choose from
 
 
 def poster(recording: Path, out: Path) -> Path:
@@ -30,7 +31,7 @@ def poster(recording: Path, out: Path) -> Path:
     """
     out = Path(out)
     with house_style():
-        png = encode_png(poster_figure(load_flight_log(recording)))
+        png = encode_png(poster_figure(load_flight_log(recording, pictures=_CHOICE)))
     return write_files({out.name: png}, out.parent, out.name)
 
 
@@ -56,11 +57,15 @@ def poster_figure(log: FlightLog) -> Figure:
 
 
 def telling_snapshot(log: FlightLog) -> Snapshot | None:
-    """Return the picture that tells most: points and columns in view, a column as large as may be."""
+    """Return the picture that tells most: points, and columns that are large and near its middle."""
 
     def worth(snapshot: Snapshot) -> tuple[bool, float]:
-        widest = max((box.right - box.left for box in snapshot.columns), default=0.0)
-        return (bool(snapshot.columns) and len(snapshot.points_current) > 0, widest)
+        width = snapshot.pixels.shape[1]
+        columns = 0.0
+        for box in snapshot.columns:
+            off = abs((box.left + box.right) / width - 1.0)
+            columns += (box.right - box.left) * max(1.0 - 2.0 * off, 0.0)
+        return (len(snapshot.points_current) > 0, columns)
 
     return max(log.snapshots, key=worth, default=None)
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
+from noctule.flight.mission import Mission
 from noctule.flight.reader import Recording
 from noctule.geometry import Array
 from noctule.messages import Limits
+from noctule.pilots.perception import safety_box
 from noctule.reports.flight_log import Hull, Solid
 from noctule.simulation.layout import draw_layout, room_layout
 from noctule.simulation.spec import RoomSpec
@@ -52,5 +56,31 @@ def room_corners(spec: RoomSpec) -> Array:
 
 
 def read_scene(recording: Recording) -> Scene:
-    """Return what the recording's notes and files say."""
-    return Scene()
+    """Return what the recording's notes and files say; what cannot be read is left out with a note."""
+    about = dict(recording.notes.get("flight", {}))
+    about.pop("simulated", None)
+    about = {**about, **recording.notes.get("versions", {})}
+    text = recording.files.get("mission.toml", b"").decode("utf-8", "replace")
+    key_poses = _key_poses(recording.notes.get("truth", {}).get("key_poses", "[]"))
+    scene = Scene(about=about, text=text, key_poses=key_poses)
+    try:
+        mission = Mission.model_validate_json(recording.files.get("mission.json", b""))
+    except ValidationError:
+        remark = "The mission in this recording cannot be read: no room is drawn, limits are the usual ones."
+        return replace(scene, notes=(remark,))
+    if recording.notes.get("flight", {}).get("simulated") == "true":
+        scene = replace(scene, solids=room_solids(mission.room), room=room_corners(mission.room))
+    vehicle, pilot = mission.vehicle, mission.pilot
+    box = safety_box(mission.camera.width, mission.camera.height)
+    return replace(
+        scene,
+        limits=mission.limits.values(),
+        hull=Hull(vehicle.hull_diameter / 2.0, vehicle.hull_height),
+        epsilon_limit=pilot.published.epsilon_last_px if pilot.law == "published" else None,
+        safety_area=(box.left, box.top, box.right, box.bottom),
+    )
+
+
+def _key_poses(text: str) -> Array:
+    rows = json.loads(text)
+    return np.array([row[:4] for row in rows], dtype=np.float64).reshape(-1, 4)

@@ -131,7 +131,11 @@ def tasks_figure(log: FlightLog) -> Figure | None:
         return None
     figure, axes = time_panels((1.6,) * len(log.task_errors), log.span)
     for i, (axis, (name, error)) in enumerate(zip(axes, log.task_errors.items(), strict=True)):
-        axis.plot(log.times, error, color=_TASK_COLOURS[i % len(_TASK_COLOURS)], label="error")
+        colour = _TASK_COLOURS[i % len(_TASK_COLOURS)]
+        # Between its activations a task holds its last error, or measures one that nothing acts on.
+        active = np.nan_to_num(log.activations.get(name, np.ones_like(error))) > 0.0
+        axis.plot(log.times, error, color=colour, alpha=0.35, lw=1.2, label="while inactive")
+        axis.plot(log.times, np.where(active, error, np.nan), color=colour, label="while active")
         axis.set(ylabel="norm of error [1]", title=f"Task: {name.replace('_', ' ')}")
     mark_events(axes, log)
     for axis in axes:

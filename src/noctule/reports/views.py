@@ -1,201 +1,96 @@
-"""Where the drone flew: the room from above and from the side."""
+"""Where the drone flew: the room, and the flight from above and from the side, to scale."""
 
 from __future__ import annotations
 
-import numpy as np
-from matplotlib import colormaps, patheffects
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Rectangle
 
 from noctule.geometry import Array
-from noctule.reports.flight_log import FlightLog, Solid, TruthLog
-from noctule.reports.style import INK, LEFT, MUTED, WARN, WIDTH_IN, new_figure
+from noctule.reports.flight_log import FlightLog, TruthLog
+from noctule.reports.style import INK, MUTED, WIDTH_IN, new_figure
+from noctule.reports.top_view import KEY_COLOUR, draw_room, draw_top, draw_trajectory, fill, path_extent
 
-_FILL = {"column": "#C9A227", "furniture": "#cbd5e1", "person": "#d8b4e2", "wall": "#6b7280"}
-_EDGE = {"column": "#3b3b3b", "furniture": "#94a3b8", "person": "#8e5ba6", "wall": "#374151"}
-_KEY_COLOUR = LEFT
-# Without its yellow end, which is faint on white and, on a dark page, faint again when inverted.
-_SPEED_COLOURS = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.8, 256)))
-_HALO = [patheffects.withStroke(linewidth=3.0, foreground="white")]
-
-
-def _fill(solid: Solid) -> str | tuple[float, float, float]:
-    """Give a column its own colour, as in the pictures; everything else keeps in the background."""
-    return solid.rgb if solid.kind == "column" and solid.rgb is not None else _FILL[solid.kind]
-
-
-def nearest_point(solid: Solid, point: Array) -> Array:
-    """Return the point (2,) of the solid's outline that is nearest to `point` (2,), world x and y [m]."""
-    start = solid.outline
-    edge = np.roll(start, -1, axis=0) - start
-    length = np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-12)
-    along = np.clip(np.einsum("ij,ij->i", point - start, edge) / length, 0.0, 1.0)
-    feet = start + along[:, None] * edge
-    return np.asarray(feet[np.argmin(np.linalg.norm(feet - point, axis=1))], dtype=np.float64)
-
-
-def closest_approach(log: FlightLog) -> int | None:
-    """Return the row of the truth with the least clearance, None without truth or anything to meet."""
-    if log.truth is None or not np.isfinite(log.truth.clearance).any():
-        return None
-    return int(np.nanargmin(np.where(np.isfinite(log.truth.clearance), log.truth.clearance, np.nan)))
-
-
-def path_extent(log: FlightLog, truth: TruthLog, margin: float = 0.6) -> tuple[Array, Array]:
-    """Return the corners (2,) [m] of what the flight needs to be seen whole, with `margin` [m] around it."""
-    points = [truth.position[:, :2], log.key_poses[:, :2]]
-    points += [s.outline for s in log.solids if s.kind == "column"]
-    everything = np.vstack(points)
-    low, high = everything.min(axis=0) - margin, everything.max(axis=0) + margin
-    short = np.maximum(1.6 - (high - low), 0.0) / 2.0
-    return low - short, high + short
-
-
-def room_extent(log: FlightLog, truth: TruthLog) -> tuple[Array, Array]:
-    """Return `path_extent`, widened to those walls that are near."""
-    low, high = path_extent(log, truth)
-    if log.room is not None:
-        low = np.where(low - log.room[0, :2] < 1.2, log.room[0, :2] - 0.06, low)
-        high = np.where(log.room[1, :2] - high < 1.2, log.room[1, :2] + 0.06, high)
-    return low, high
-
-
-def draw_top(axis: Axes, log: FlightLog, truth: TruthLog, limits: tuple[Array, Array]) -> LineCollection:
-    """Draw the room from above and the true trajectory coloured by speed; return it for a colour bar."""
-    if log.room is not None:
-        size = log.room[1] - log.room[0]
-        axis.add_patch(
-            Rectangle(tuple(log.room[0, :2]), size[0], size[1], fill=False, ec=_EDGE["wall"], lw=3)
-        )
-    for solid in log.solids:
-        axis.add_patch(Polygon(solid.outline, fc=_fill(solid), ec=_EDGE[solid.kind], lw=1, zorder=2))
-    _draw_key_images(axis, log)
-    line = _trajectory(axis, truth, truth.position[:, :2])
-    for row, marker, label in ((0, "o", "start"), (-1, "s", "end")):
-        axis.plot(
-            *truth.position[row, :2],
-            marker,
-            ms=7,
-            color="white",
-            mec=INK,
-            mew=1.6,
-            zorder=6,
-            ls="",
-            label=label,
-        )
-    _draw_closest(axis, log, truth)
-    axis.set_aspect("equal")
-    axis.set_xlim(limits[0][0], limits[1][0])
-    axis.set_ylim(limits[0][1], limits[1][1])
-    axis.set(xlabel="x [m], along the room", ylabel="y [m], left")
-    return line
-
-
-def _trajectory(axis: Axes, truth: TruthLog, points: Array) -> LineCollection:
-    segments = np.stack([points[:-1], points[1:]], axis=1)
-    line = LineCollection(list(segments), cmap=_SPEED_COLOURS, lw=3.0, capstyle="round", zorder=5)
-    line.set_array(truth.speed[1:])
-    line.set_clim(0.0, max(float(np.nanmax(truth.speed, initial=0.0)), 0.1))
-    axis.add_collection(line)
-    return line
-
-
-def _draw_key_images(axis: Axes, log: FlightLog) -> None:
-    """Draw an arrow per key image, the way it looks; the numbers thin out on long paths."""
-    if not len(log.key_poses):
-        return
-    x, y, yaw = log.key_poses[:, 0], log.key_poses[:, 1], log.key_poses[:, 3]
-    axis.quiver(
-        x, y, np.cos(yaw), np.sin(yaw), angles="xy", scale_units="xy", scale=1.0 / 0.28, width=0.004,
-        color=_KEY_COLOUR, zorder=7,
-    )  # fmt: skip
-    axis.plot(x, y, "o", ms=4, color=_KEY_COLOUR, zorder=7)
-    axis.plot([], [], marker=r"$\rightarrow$", ms=14, color=_KEY_COLOUR, ls="", label="key image")
-    every = -(-len(x) // 8)
-    for i in range(0, len(x), every):
-        axis.annotate(
-            f"{i + 1}", (x[i], y[i]), xytext=(-8 * np.sin(yaw[i]), 8 * np.cos(yaw[i])),
-            textcoords="offset points", ha="center", va="center", color=_KEY_COLOUR, fontsize=9,
-            fontweight="bold", zorder=8, path_effects=_HALO,
-        )  # fmt: skip
-
-
-def _draw_closest(axis: Axes, log: FlightLog, truth: TruthLog) -> None:
-    """Draw the hull where the clearance was least, and the line to what it came close to."""
-    row = closest_approach(log)
-    if row is None:
-        return
-    centre, clearance = truth.position[row], float(truth.clearance[row])
-    colour = WARN if clearance < 0.0 else INK
-    axis.add_patch(
-        Circle(tuple(centre[:2]), log.hull.radius, fill=False, ec=colour, lw=1.5, ls="--", zorder=6)
-    )
-    axis.plot([], [], "--", color=colour, lw=1.5, label=f"hull at its closest, {clearance:.2f} m")
-    half = log.hull.height / 2.0
-    # The clearance is measured in space; the line is drawn only to things that reach the hull's height.
-    beside = [
-        s for s in log.solids
-        if s.kind != "wall" and s.bottom - half <= centre[2] <= s.top + half
-    ]  # fmt: skip
-    if beside:
-        feet = [nearest_point(s, centre[:2]) for s in beside]
-        foot = min(feet, key=lambda f: float(np.linalg.norm(f - centre[:2])))
-        away = (foot - centre[:2]) / max(float(np.linalg.norm(foot - centre[:2])), 1e-9)
-        rim = centre[:2] + log.hull.radius * away
-        axis.plot(*np.vstack([rim, foot]).T, color=colour, lw=1.5, zorder=6)
-        axis.annotate(
-            f"{clearance:.2f} m", tuple((rim + foot) / 2.0), xytext=(9 * away[1], -9 * away[0]), color=colour,
-            textcoords="offset points", ha="left" if away[1] > 0.0 else "right", va="center", fontsize=9,
-            zorder=8, path_effects=_HALO,
-        )  # fmt: skip
-
-
-def _draw_side(axis: Axes, log: FlightLog, truth: TruthLog, limits: tuple[Array, Array]) -> None:
-    for solid in sorted(log.solids, key=lambda s: s.kind == "column"):
-        if solid.kind == "wall":
-            continue
-        low, high = solid.outline[:, 0].min(), solid.outline[:, 0].max()
-        behind = solid.kind != "column"
-        axis.add_patch(
-            Rectangle(
-                (low, solid.bottom), high - low, solid.top - solid.bottom, fc=_fill(solid),
-                ec=_EDGE[solid.kind], lw=1, alpha=0.45 if behind else 0.85, zorder=1 if behind else 2,
-            )
-        )  # fmt: skip
-    _trajectory(axis, truth, truth.position[:, [0, 2]])
-    if len(log.key_poses):
-        axis.plot(log.key_poses[:, 0], log.key_poses[:, 2], "o", ms=5, color=_KEY_COLOUR, zorder=7)
-    for row, marker in ((0, "o"), (-1, "s")):
-        axis.plot(*truth.position[row, [0, 2]], marker, ms=7, color="white", mec=INK, mew=1.6, zorder=6)
-    axis.axhline(0.0, color=MUTED, lw=2)
-    top = max(float(truth.position[:, 2].max()) + 0.35, 1.4)
-    axis.set_aspect("equal")
-    axis.set_xlim(limits[0][0], limits[1][0])
-    axis.set_ylim(-0.08, top)
-    axis.set(xlabel="x [m], along the room", ylabel="z [m], up")
+_OVERVIEW_IN = 2.9  # height of the map of the whole room [in]
+_LOWEST = -0.08  # [m], a little floor in the side view
 
 
 def views_figure(log: FlightLog) -> Figure | None:
-    """Return the flight from above and from the side, to scale; None without the truth."""
+    """Return the room, the flight from above and from the side; None without the truth."""
     truth = log.truth
     if truth is None or len(truth.times) < 2:
         return None
-    low, high = room_extent(log, truth)
+    low, high = path_extent(log, truth)
     width, depth = float(high[0] - low[0]), float(high[1] - low[1])
-    side = max(float(truth.position[:, 2].max()) + 0.43, 1.48)
-    per_metre = min((WIDTH_IN - 1.7) / width, 6.5 / (depth + side))
-    figure = new_figure(WIDTH_IN, per_metre * (depth + side) + 1.9)
-    above, beside = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (depth, side)})
-    line = draw_top(above, log, truth, (low, high))
-    above.set(xlabel="", title="From above")
-    _draw_side(beside, log, truth, (low, high))
-    beside.set_title("From the side")
+    top = max(float(truth.position[:, 2].max()) + 0.35, 1.4)
+    per_metre = min((WIDTH_IN - 1.7) / width, 6.5 / (depth + top - _LOWEST))
+    flight_in = per_metre * (depth + top - _LOWEST) + 1.2
+    if log.room is None:
+        figure = new_figure(WIDTH_IN, flight_in + 0.4)
+        handles = _draw_flight(figure, log, truth, (low, high), top)
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), handletextpad=0.6)
+        return figure
+    figure = new_figure(WIDTH_IN, _OVERVIEW_IN + flight_in)
+    whole, flight = figure.subfigures(2, 1, squeeze=False, height_ratios=(_OVERVIEW_IN, flight_in))[:, 0]
+    handles = _draw_flight(flight, log, truth, (low, high), top)
+    size = log.room[1] - log.room[0]
+    share = min(_OVERVIEW_IN * size[0] / size[1] / WIDTH_IN, 0.75)
+    axis, words = whole.subplots(1, 2, width_ratios=(share, 1.0 - share))
+    _draw_overview(axis, log, truth, (low, high))
+    words.set_axis_off()
+    words.legend(handles=handles, loc="center left", handletextpad=1.0, labelspacing=0.9)
+    return figure
+
+
+def _draw_overview(axis: Axes, log: FlightLog, truth: TruthLog, section: tuple[Array, Array]) -> None:
+    """Draw the whole room, small, and the section of it that the view from above shows."""
+    assert log.room is not None
+    draw_room(axis, log)
+    axis.plot(*truth.position[:, :2].T, color=INK, lw=1.6, zorder=5)
+    low, high = section
+    axis.add_patch(
+        Rectangle((low[0], low[1]), *(high - low), fill=False, ec=KEY_COLOUR, lw=1.2, ls=":", zorder=6)
+    )
+    axis.set_aspect("equal")
+    axis.set_xlim(log.room[0, 0] - 0.1, log.room[1, 0] + 0.1)
+    axis.set_ylim(log.room[0, 1] - 0.1, log.room[1, 1] + 0.1)
+    axis.set(title="The whole room", xlabel="x [m]", ylabel="y [m]")
+    axis.grid(visible=False)
+
+
+def _draw_flight(
+    figure: Figure | SubFigure, log: FlightLog, truth: TruthLog, limits: tuple[Array, Array], top: float
+) -> list[Artist]:
+    """Draw the flight from above and from the side; return what belongs into the legend."""
+    ratios = (float(limits[1][1] - limits[0][1]), top - _LOWEST)
+    above, beside = figure.subplots(2, 1, sharex=True, height_ratios=ratios)
+    line = draw_top(above, log, truth, limits)
+    above.set(xlabel="", title="The flight from above")
+    _draw_side(beside, log, truth, limits, top)
     bar = figure.colorbar(line, ax=[above, beside], shrink=0.6, pad=0.02, aspect=30)
     bar.set_label("speed [m/s]")
     bar.outline.set_visible(False)
-    handles, labels = above.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), handletextpad=0.6)
-    return figure
+    handles: list[Artist] = above.get_legend_handles_labels()[0]
+    return handles
+
+
+def _draw_side(axis: Axes, log: FlightLog, truth: TruthLog, limits: tuple[Array, Array], top: float) -> None:
+    for solid in log.solids:
+        low, high = float(solid.outline[:, 0].min()), float(solid.outline[:, 0].max())
+        column = solid.kind == "column"
+        body = Rectangle((low, solid.bottom), high - low, solid.top - solid.bottom, fc=fill(solid), lw=0.8)
+        body.set(
+            edgecolor=INK if column else "none", alpha=0.85 if column else 0.28, zorder=2 if column else 1
+        )
+        axis.add_patch(body)
+    draw_trajectory(axis, truth, truth.position[:, [0, 2]])
+    if len(log.key_poses):
+        axis.plot(log.key_poses[:, 0], log.key_poses[:, 2], "o", ms=5, color=KEY_COLOUR, zorder=7)
+    for row, marker in ((0, "o"), (-1, "s")):
+        axis.plot(*truth.position[row, [0, 2]], marker, ms=7, color="white", mec=INK, mew=1.6, zorder=6)
+    axis.axhline(0.0, color=MUTED, lw=2)
+    axis.set_aspect("equal")
+    axis.set_xlim(limits[0][0], limits[1][0])
+    axis.set_ylim(_LOWEST, top)
+    axis.set(xlabel="x [m], along the room", ylabel="z [m], up", title="The flight from the side")
