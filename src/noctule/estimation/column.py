@@ -3,7 +3,9 @@
 Bearing and apparent size are measured; distance and width are not, but while the vehicle comes nearer the
 column looms, and the rate of growth tells the distance without any assumption on the width. In modified
 polar coordinates (bearing, log distance, log radius) both measurements are linear, so an extended Kalman
-filter of three states is enough and starts well from a vague width.
+filter of three states is enough and starts well from a vague width. The polar coordinates are centred on
+the camera, not on the body: only so does apparent size depend on the ratio of radius and distance alone,
+and a vague start stays vague until the vehicle has moved.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ class ColumnPrior:
 
 @dataclass(frozen=True, slots=True)
 class ColumnEstimate:
-    """A vertical column seen from the body's centre, in the levelled heading frame."""
+    """A vertical column seen from the camera, in the levelled heading frame."""
 
     x: Array  # (3,): bearing [rad, left positive], log(distance / 1 m), log(radius / 1 m)
     P: Array  # (3, 3)
@@ -36,13 +38,13 @@ class ColumnEstimate:
 
     @property
     def centre(self) -> Array:
-        """The axis, (2,) [m]: forward, left."""
+        """The axis, (2,) [m]: forward and left of the camera."""
         d = float(np.exp(self.x[1]))
         return np.array([d * np.cos(self.x[0]), d * np.sin(self.x[0])])
 
     @property
     def distance(self) -> float:
-        """Distance of the axis from the body's centre [m]."""
+        """Distance of the axis from the camera [m]."""
         return float(np.exp(self.x[1]))
 
     @property
@@ -51,23 +53,25 @@ class ColumnEstimate:
         return float(np.exp(self.x[2]))
 
 
-def begin_column(left: float, right: float, camera_ahead: float, prior: ColumnPrior) -> ColumnEstimate:
-    """Start from the bearings [rad, left positive] of the two edges seen by a camera `camera_ahead` [m]."""
-    bearing, half = 0.5 * (left + right), 0.5 * (left - right)
-    half = max(half, 1e-3)
-    d_camera = prior.radius / np.sin(half)
-    centre = d_camera * np.array([np.cos(bearing), np.sin(bearing)]) + np.array([camera_ahead, 0.0])
-    x = np.array([np.arctan2(centre[1], centre[0]), np.log(np.hypot(*centre)), np.log(prior.radius)])
-    size_log_sd = prior.size_sd / half
+def begin_column(left: float, right: float, prior: ColumnPrior) -> ColumnEstimate:
+    """Start from the bearings [rad, left positive] of the two edges."""
+    bearing, half = 0.5 * (left + right), max(0.5 * (left - right), 1e-3)
+    x = np.array([bearing, np.log(prior.radius / np.sin(half)), np.log(prior.radius)])
     s2 = prior.radius_log_sd**2
-    P = np.array([[prior.bearing_sd**2, 0.0, 0.0], [0.0, s2 + size_log_sd**2, s2], [0.0, s2, s2]])
+    P = np.array(
+        [
+            [prior.bearing_sd**2, 0.0, 0.0],
+            [0.0, s2 + (prior.size_sd / half) ** 2, s2],
+            [0.0, s2, s2],
+        ]
+    )
     return ColumnEstimate(x, P)
 
 
 def move_column(
     column: ColumnEstimate, step: Array, turn: float, dt: float, prior: ColumnPrior
 ) -> ColumnEstimate:
-    """Predict over `dt` [s] in which the body moved by `step` (2,) [m] (old heading frame) and turned."""
+    """Predict over `dt` [s] in which the camera moved by `step` (2,) [m] (old heading frame) and turned."""
     d, b = column.distance, float(column.x[0])
     cx, cy = d * np.cos(b) - step[0], d * np.sin(b) - step[1]
     new = max(float(np.hypot(cx, cy)), 1e-3)
@@ -81,51 +85,39 @@ def move_column(
     return ColumnEstimate(x, F @ column.P @ F.T + np.diag([q, q, 0.0]), column.unseen + dt)
 
 
-def _expected(x: Array, camera_ahead: float) -> Array:
-    """Return bearing and half angle (2,) [rad] of the column seen by a camera ahead of the centre."""
-    d, r = np.exp(x[1]), np.exp(x[2])
-    cx, cy = d * np.cos(x[0]) - camera_ahead, d * np.sin(x[0])
-    return np.array([np.arctan2(cy, cx), np.arcsin(min(r / max(np.hypot(cx, cy), 1e-3), 0.99))])
+def _half_angle(x: Array) -> float:
+    """Return half the angle [rad] between the edges of a column with state x (3,)."""
+    return float(np.arcsin(min(np.exp(x[2] - x[1]), 0.99)))
 
 
 def update_column(
-    column: ColumnEstimate,
-    edges: tuple[float | None, float | None],
-    camera_ahead: float,
-    prior: ColumnPrior,
+    column: ColumnEstimate, edges: tuple[float | None, float | None], prior: ColumnPrior
 ) -> ColumnEstimate:
     """Update with the bearings [rad, left positive] of the left and the right edge as the camera sees them.
 
     An edge that lies outside the picture is None; then only the other is used.
     """
-    # Rows of G take (bearing, half angle) to the edges: left = bearing + half, right = bearing - half.
-    G = np.array([[1.0, 1.0], [1.0, -1.0]])
     seen = [i for i, edge in enumerate(edges) if edge is not None]
     if not seen:
         return column
-    G = G[seen]
+    # Rows of G take (bearing, half angle) to the edges: left = bearing + half, right = bearing - half.
+    G = np.array([[1.0, 1.0], [1.0, -1.0]])[seen]
     z = np.array([edges[i] for i in seen], dtype=np.float64)
     x, P = column.x, column.P
-    h = np.empty((2, 3))
-    for j in range(3):  # three states: central differences are as good as the formula and easier to read
-        e = np.zeros(3)
-        e[j] = 1e-6
-        h[:, j] = (_expected(x + e, camera_ahead) - _expected(x - e, camera_ahead)) / 2e-6
-    H = G @ h
+    half = _half_angle(x)
+    slope = np.tan(half)  # d(half) / d(log radius): sin(half) = radius / distance
+    H = G @ np.array([[1.0, 0.0, 0.0], [0.0, -slope, slope]])
     noise = G @ np.diag([prior.bearing_sd**2, prior.size_sd**2]) @ G.T
     S = H @ P @ H.T + noise
     gain = np.linalg.solve(S, H @ P).T
-    x = x + gain @ (z - G @ _expected(x, camera_ahead))
+    x = x + gain @ (z - G @ np.array([x[0], half]))
     x[0] = wrap_angle(float(x[0]))
     A = np.eye(3) - gain @ H
     return ColumnEstimate(x, A @ P @ A.T + gain @ noise @ gain.T, 0.0)
 
 
-def column_distance2(
-    column: ColumnEstimate, edges: tuple[float, float], camera_ahead: float, prior: ColumnPrior
-) -> float:
+def column_distance2(column: ColumnEstimate, edges: tuple[float, float], prior: ColumnPrior) -> float:
     """Return the squared Mahalanobis distance of a detection's bearing from this column (one dimension)."""
-    bearing, half = _expected(column.x, camera_ahead)
-    spread = prior.bearing_sd**2 + float(column.P[0, 0]) + 0.25 * half**2
-    off = wrap_angle(0.5 * (edges[0] + edges[1]) - float(bearing))
+    spread = prior.bearing_sd**2 + float(column.P[0, 0]) + 0.25 * _half_angle(column.x) ** 2
+    off = wrap_angle(0.5 * (edges[0] + edges[1]) - float(column.x[0]))
     return float(off**2 / spread)

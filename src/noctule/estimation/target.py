@@ -23,10 +23,12 @@ class TargetPrior:
     depth: float = 3.0  # [m], harmonic mean depth of the scene in the target image
     depth_log_sd: float = 0.6  # sd of log(depth): a factor of 1.8 either way
     drift: float = 0.02  # [m / sqrt(s)], random walk of the odometry frame against the room
-    bias_sd: float = 0.04  # [m/s], bias of the odometry's velocity
-    bias_walk: float = 0.01  # [m/s / sqrt(s)]
+    bias_sd: float = 0.015  # [m/s], bias of the odometry's velocity
+    bias_walk: float = 0.002  # [m/s / sqrt(s)]
     yaw_drift: float = 0.01  # [rad / sqrt(s)]
-    depth_walk: float = 0.04  # [1 / sqrt(s)], of log(depth): the mean is over the points in sight, and they go
+    depth_walk: float = (
+        0.04  # [1 / sqrt(s)], of log(depth): the mean is over the points in sight, and they go
+    )
     depth_jump: float = 0.12  # of log(depth), when fresh points join
     t_floor: float = 0.002  # [mean depths], noise of t below which no covariance is believed
     yaw_floor: float = 0.0015  # [rad]

@@ -28,6 +28,7 @@ from noctule.pilots.settings import DetourSettings
 J_DETOUR: Array = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]])
 """The task's Jacobian: it demands the forward and the left speed."""
 
+_MOST_DOUBT = 0.05  # [m] of room at the most for what dead reckoning may have lost
 _HITS = 3  # detections before a column is believed: a single false box must not move the vehicle
 
 
@@ -71,6 +72,8 @@ class Detour:
 
     def move(self, step: Array, turn: float, dt: float) -> None:
         """Dead-reckon every column over `dt` [s]: the body moved by `step` (2,) [m] and turned by `turn`."""
+        c, s = np.cos(turn), np.sin(turn)
+        step = step + self.camera_ahead * np.array([c - 1.0, s])
         moved = (
             replace(column, estimate=move_column(column.estimate, step, turn, dt, self.prior))
             for column in self.columns
@@ -79,9 +82,13 @@ class Detour:
 
     def _forgotten(self, column: TrackedColumn) -> bool:
         e = column.estimate
-        behind = abs(e.x[0]) > np.pi / 2 and -e.centre[0] > self.body_radius + self.settings.margin
+        behind = -self._centre(e)[0] > self.body_radius + self.settings.margin
         patience = self.settings.forget_s if column.hits >= _HITS else 0.2
         return bool(behind or e.unseen > patience)
+
+    def _centre(self, estimate: ColumnEstimate) -> Array:
+        """Return the axis of a column, (2,) [m]: forward and left of the body's centre."""
+        return np.asarray(estimate.centre + np.array([self.camera_ahead, 0.0]))
 
     def see(self, edges: list[tuple[float | None, float | None]]) -> None:
         """Take the bearings [rad, left positive] of the edges seen; None where an edge is out of view."""
@@ -91,18 +98,15 @@ class Detour:
             a, b = left if left is not None else right, right if right is not None else left
             if a is None or b is None:
                 continue
-            near = [
-                (column_distance2(columns[i].estimate, (a, b), self.camera_ahead, self.prior), i)
-                for i in free
-            ]
+            near = [(column_distance2(columns[i].estimate, (a, b), self.prior), i) for i in free]
             best = min(near, default=(np.inf, -1))
             if best[0] < 16.0:
                 i = best[1]
                 free.discard(i)
-                estimate = update_column(columns[i].estimate, (left, right), self.camera_ahead, self.prior)
+                estimate = update_column(columns[i].estimate, (left, right), self.prior)
                 columns[i] = replace(columns[i], estimate=estimate, hits=columns[i].hits + 1)
             elif left is not None and right is not None:
-                columns.append(TrackedColumn(begin_column(left, right, self.camera_ahead, self.prior)))
+                columns.append(TrackedColumn(begin_column(left, right, self.prior)))
         self.columns = tuple(columns)
 
     def steer(self, wanted: Array, v: Array, goal: Array | None, dt: float) -> tuple[Array, float]:
@@ -153,17 +157,21 @@ class Detour:
             if column.hits < _HITS:
                 continue
             e = column.estimate
-            centre = e.centre - self.lag * v  # where it will be once the vehicle answers
+            here = self._centre(e)
+            centre = here - self.lag * v  # where it will be once the vehicle answers
             radius = e.radius + self.body_radius + self.settings.margin
+            doubt = float(np.sqrt(e.P[1, 1]))
+            if e.unseen > 0.0:
+                # Out of sight it may have come nearer than dead reckoning says.
+                radius += min(doubt * e.distance, _MOST_DOUBT)
             if goal is not None:
-                reach = float(np.linalg.norm(goal - e.centre))
+                reach = float(np.linalg.norm(goal - here))
                 # A target inside the disc: keep what the target itself keeps, but never touch.
                 radius = max(min(radius, reach - 0.02), e.radius + self.body_radius + 0.05)
-                if float(np.linalg.norm(goal)) < e.distance - radius:
+                if float(np.linalg.norm(goal)) < float(np.linalg.norm(here)) - radius:
                     continue
             # The distance is uncertain before the column has loomed: act on its near end.
-            near = e.distance * np.exp(-min(float(np.sqrt(e.P[1, 1])), 0.7)) - radius
-            if near > self.settings.reach:
+            if e.distance * np.exp(-min(doubt, 0.7)) - radius > self.settings.reach:
                 continue
             discs.append((centre, radius, i))
         return discs
