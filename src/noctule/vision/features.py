@@ -64,7 +64,7 @@ def detect(pixels: Pixels, kind: str = "sift", limit: int = 800) -> Features:
     """Find at most `limit` features of a gray (height, width) or RGB (height, width, 3) picture.
 
     "sift" is upright: it matches pictures whose roll differs by up to about 15 degrees and whose scale by
-    up to two, to 0.25 px (median). "orb" turns with the picture, but is good to 0.7 px only.
+    up to two, to 0.25 px (median). "orb" turns with the picture, but is good to 1 px only.
     They are spread over the picture (see `spreading.bucket`) and their order depends on nothing but the
     picture. A picture without texture gives no features. Raises UnknownFeatureKindError.
     """

@@ -141,8 +141,12 @@ def align(
     """Find points (n, 2) [px] of a key image in the live picture from a guess (n, 2) [px]; free of drift.
 
     The key image is first warped by the affine map that takes `p_ref` to `p_initial`, so that Lucas-Kanade
-    sees two pictures of one scale. A point is good when the way forward and back closes and the patches
-    correlate by `least_score` or more.
+    sees two pictures of one scale; four points or more are needed. A point is good when the way forward and
+    back closes and the patches correlate by `least_score` or more. Measured on photographs with 2 gray levels
+    of noise and a guess that is 8 px off: scales from 0.5 to 2 keep more than 90 % of the points in view, to
+    0.14 px (median). Plain `track` from the key image is good to 0.2 px at scales from 0.95 to 1.05, 0.4 px
+    at 0.9 and 1.1, and loses a third of the points at 0.8 and 1.2. Neighbours at other depths than the
+    average show other scales: the same limits hold for the ratio of theirs to the average.
     """
     if len(p_ref) < 4:
         n = len(p_ref)
