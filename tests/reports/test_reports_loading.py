@@ -132,8 +132,13 @@ def test_the_surroundings_come_from_the_mission(log):
     assert sum(s.kind == "column" for s in log.solids) == 1
     assert log.epsilon_limit == 6.0
     assert log.hull.radius == 0.2
-    assert log.about["seed"] == "4"
-    assert log.about["noctule"] == "9.9.9"
+    assert list(log.about.items()) == [
+        ("mission", "tiny <b>"),
+        ("law", "published"),
+        ("seed", "4"),
+        ("pictures", "compressed"),
+        ("noctule", "9.9.9"),
+    ]
     assert log.mission_text == MISSION
 
 

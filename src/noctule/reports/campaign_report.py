@@ -160,7 +160,8 @@ def spread_figure(laws: Mapping[str, Mapping[str, Any]]) -> Figure:
             _marks(axis, i, part["runs"], path)
         axis.set_xticks(range(len(laws)), list(laws))
         axis.set_xlim(-0.6, len(laws) - 0.4)
-        axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
+        low, high = axis.get_ylim()
+        axis.set_ylim(min(0.0, low), high + 0.06 * (high - min(0.0, low)))
         axis.set(ylabel=f"[{'deg' if unit == '°' else unit}]", title=label.capitalize())
         axis.grid(visible=False, axis="x")
         if path == ("min_clearance_m",):

@@ -110,11 +110,13 @@ def flight_page(log: FlightLog, drawings: list[Drawing]) -> str:
     parts += [html.drawing(d) for d in drawings]
     tables = html.rows_table(flight_rows(summary)), html.rows_table([Row(k, v) for k, v in about.items()])
     inside = '<div class="columns">\n<div class="scroll">{}</div>\n<div class="scroll">{}</div>\n</div>'
-    parts.append(html.section("All figures", inside.format(*tables)))
+    parts.append(html.section("Figures and versions", inside.format(*tables)))
     if log.mission_text:
         text = html.escape(log.mission_text)
         text = f"<details><summary>Show the mission file</summary><pre>{text}</pre></details>"
-        parts.append(html.section("Mission", text, "As it was flown, every default filled in."))
+        parts.append(
+            html.section("Mission", text, "The file as it was given; law and seed above are what was flown.")
+        )
     words = in_words(summary, log.span[1] - log.span[0])
     return html.page(
         title=f"{mission}: {outcome or 'no outcome'} - Noctule",

@@ -57,9 +57,10 @@ def room_corners(spec: RoomSpec) -> Array:
 
 def read_scene(recording: Recording) -> Scene:
     """Return what the recording's notes and files say; what cannot be read is left out with a note."""
-    about = dict(recording.notes.get("flight", {}))
-    about.pop("simulated", None)
-    about = {**about, **recording.notes.get("versions", {})}
+    flight = recording.notes.get("flight", {})
+    about: dict[str, str] = {name: flight[name] for name in ("mission", "law", "seed") if name in flight}
+    about["pictures"] = "exact" if recording.lossless else "compressed"
+    about |= dict(sorted(recording.notes.get("versions", {}).items()))
     text = recording.files.get("mission.toml", b"").decode("utf-8", "replace")
     key_poses = _key_poses(recording.notes.get("truth", {}).get("key_poses", "[]"))
     scene = Scene(about=about, text=text, key_poses=key_poses)
@@ -68,7 +69,7 @@ def read_scene(recording: Recording) -> Scene:
     except ValidationError:
         remark = "The mission in this recording cannot be read: no room is drawn, limits are the usual ones."
         return replace(scene, notes=(remark,))
-    if recording.notes.get("flight", {}).get("simulated") == "true":
+    if flight.get("simulated") == "true":
         scene = replace(scene, solids=room_solids(mission.room), room=room_corners(mission.room))
     vehicle, pilot = mission.vehicle, mission.pilot
     box = safety_box(mission.camera.width, mission.camera.height)
