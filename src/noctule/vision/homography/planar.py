@@ -56,7 +56,9 @@ def robust_inliers(m_ref: Array, m_current: Array, threshold: float) -> NDArray[
     """Return which points (n,) OpenCV's USAC (MAGSAC) keeps; its generator starts from a fixed state each time."""
     if len(m_ref) == LEAST_POINTS:
         return np.ones(LEAST_POINTS, dtype=np.bool_)
-    H, mask = cv2.findHomography(m_ref, m_current, cv2.USAC_MAGSAC, threshold, None, MAX_ITERATIONS, CONFIDENCE)
+    H, mask = cv2.findHomography(
+        m_ref, m_current, cv2.USAC_MAGSAC, threshold, None, MAX_ITERATIONS, CONFIDENCE
+    )
     if H is None or mask is None:
         return np.zeros(len(m_ref), dtype=np.bool_)
     return np.asarray(mask.ravel().astype(np.bool_))

@@ -61,12 +61,12 @@ class HomographyEstimate:
     t_defined: bool = False  # t stands out of its noise, so its direction means something
     cost: float = np.inf  # of the fit; comparable between the answers for one set of points
     alternatives: tuple[HomographyEstimate, ...] = ()  # other answers that explain the points as well
-    parameters: Array = field(default_factory=lambda: np.zeros(8))  # (8,), unknowns as a warm start needs them
+    parameters: Array = field(
+        default_factory=lambda: np.zeros(8)
+    )  # (8,), unknowns as a warm start needs them
 
 
-def checked_points(
-    m_ref: ArrayLike, m_current: ArrayLike, method: str, n_least: int
-) -> tuple[Array, Array]:
+def checked_points(m_ref: ArrayLike, m_current: ArrayLike, method: str, n_least: int) -> tuple[Array, Array]:
     """Return both arrays as contiguous float64 (n, 2).
 
     Raises
@@ -96,13 +96,33 @@ def checked_points(
     return a, b
 
 
+def checked_options(method: str, attitude_sd: float, noise: float | None) -> None:
+    """Refuse an attitude error or a noise that is no such thing.
+
+    Raises
+    ------
+    EstimatorValueError
+
+    """
+    if not 0.0 <= attitude_sd <= 0.5:
+        raise EstimatorValueError(
+            f"homography '{method}': attitude_sd is {attitude_sd} rad, expected 0 (roll and pitch are exact) to 0.5; "
+            "give the standard deviation in radians"
+        )
+    if noise is not None and not 0.0 < noise < 0.1:
+        raise EstimatorValueError(
+            f"homography '{method}': noise is {noise}, expected above 0 and below 0.1 in normalised units; "
+            "divide pixels by the focal length"
+        )
+
+
 def scaled_homography(H: Array, m_ref: Array, m_current: Array) -> Array:
     """Scale H (3, 3) to a median singular value of 1 and the sign that puts the points in front of the camera.
 
-    The sign is that of m_cur' H m_ref, positive for a point in front of both cameras; the median point decides.
+    The sign is that of m_cur' H m_ref, positive for a point in front of both cameras; most points decide.
     """
-    x = np.column_stack([m_ref, np.ones(len(m_ref))])
-    y = np.column_stack([m_current, np.ones(len(m_current))])
+    mapped = m_ref @ H[:, :2].T + H[:, 2]  # (n, 3)
+    along = mapped[:, 2] + (mapped[:, :2] * m_current).sum(axis=1)
+    sign = 1.0 if 2 * np.count_nonzero(along >= 0.0) >= len(along) else -1.0
     scale = float(np.linalg.svd(H, compute_uv=False)[1])
-    sign = 1.0 if np.median(np.einsum("ni,ij,nj->n", y, H, x)) >= 0.0 else -1.0
     return np.asarray(sign / scale * H)

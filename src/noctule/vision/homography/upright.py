@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from noctule.geometry import Array, wrap_angle
 from noctule.vision.homography.compiled import compiled
 from noctule.vision.homography.result import (
     DEFAULT_NOISE,
     HomographyEstimate,
+    checked_options,
     checked_points,
     scaled_homography,
 )
+from noctule.vision.homography.upright_cost import describe, normal_equations
 from noctule.vision.homography.upright_model import (
     N_PARAMETERS,
     PITCH,
@@ -25,181 +26,169 @@ from noctule.vision.homography.upright_model import (
     TX,
     TZ,
     YAW,
-    residual,
+    TwoViews,
     rotation,
 )
-from noctule.vision.homography.upright_solver import (
-    cholesky,
-    cholesky_solve,
-    mahalanobis,
-    minimise,
-    normal_equations,
-)
-from noctule.vision.homography.upright_start import distinct_best, sample_candidates, sized_start
+from noctule.vision.homography.upright_noise import estimate_noise
+from noctule.vision.homography.upright_solver import cholesky, cholesky_solve, inverse, minimise
+from noctule.vision.homography.upright_start import cold_starts
 
 LEAST_POINTS = 5
 SPREAD = 0.5
 SLOPE_SD = 0.5
-CAUCHY = 2.4
-N_DRAWS = 100
-N_REFINED = 8
 N_FINISHED = 3
-INLIER_CHI2 = 11.8  # 3 standard deviations of a point in the plane
-T_CHI2 = 11.34  # 99 % of chi-square with 3 degrees of freedom
-NOISE_PRIOR_POINTS = 6.0
+INLIER_CHI2 = 11.8
+"""A point of the right answer exceeds this in 0.3 % of cases (chi-square, two degrees of freedom)."""
+T_CHI2 = 11.34
+"""A view that did not move exceeds this in 1 % of cases (chi-square, three degrees of freedom)."""
+ALTERNATIVE_COST = 9.0
+"""An answer that costs this much more than the best, three standard deviations, is no longer kept."""
+SWITCH_COST = 4.0
+"""A kept answer that costs this much less than the one followed takes its place."""
+WARM_SHARE = 0.5
+"""A warm start that explains fewer of the points is dropped."""
+
+Minimum = tuple[float, Array]
+"""A cost, and the parameters (8,) where it is reached."""
 
 
-@compiled
-def describe(
-    parameters: Array,
-    m_ref: Array,
-    m_cur: Array,
-    centre: Array,
-    noise: float,
-    spread: float,
-) -> tuple[Array, Array, Array]:
-    """Return per point e' C^-1 e, the best inverse depth, and the residual across the epipolar line."""
-    n = len(m_ref)
-    chi2, depth, across = np.empty(n), np.empty(n), np.empty(n)
-    R = rotation(parameters[YAW], parameters[ROLL], parameters[PITCH])
-    for j in range(n):
-        x, y = m_ref[j, 0], m_ref[j, 1]
-        at = residual(parameters, R, x, y, x - centre[0], y - centre[1], m_cur[j], noise, spread)
-        eu, ev, gu, gv = at[0], at[1], at[2], at[3]
-        chi2[j], _ = mahalanobis(eu, ev, gu, gv, noise, spread)
-        depth[j] = at[4]
-        size = math.sqrt(gu * gu + gv * gv) + 1e-12
-        across[j] = (gu * ev - gv * eu) / size
-    return chi2, depth, across
-
-
-@compiled
-def inverse_of(A: Array, n: int) -> Array:
-    """Return the inverse of the leading n x n block of a positive definite matrix, zeros elsewhere."""
-    L = np.zeros((N_PARAMETERS, N_PARAMETERS))
-    out = np.zeros((N_PARAMETERS, N_PARAMETERS))
-    unit = np.zeros(N_PARAMETERS)
-    if not cholesky(A, n, 1e-12, L):
-        for k in range(n):
-            out[k, k] = np.inf
-        return out
-    for k in range(n):
-        unit[:] = 0.0
-        unit[k] = 1.0
-        cholesky_solve(L, n, unit, out[k])
-    return out
-
-
-def prior_weights(attitude_sd: float) -> Array:
-    """Return the (8,) inverse variances of the priors: slopes, and roll and pitch where they are free."""
+def two_views(m_ref: Array, m_current: Array, attitude_sd: float, noise: float) -> TwoViews:
+    """Return the points with their priors: slopes, and roll and pitch where they are free."""
     prior = np.zeros(N_PARAMETERS)
     prior[SLOPE_X] = prior[SLOPE_Y] = 1.0 / SLOPE_SD**2
+    n_free = N_PARAMETERS - 2
     if attitude_sd > 0.0:
         prior[ROLL] = prior[PITCH] = 1.0 / attitude_sd**2
-    return prior
+        n_free = N_PARAMETERS
+    return TwoViews(m_ref, m_current, m_ref.mean(axis=0), noise, SPREAD, prior, n_free)
 
 
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """Everything of one estimate that does not change while it is being made."""
-
-    m_ref: Array
-    m_cur: Array
-    centre: Array
-    spread: float
-    prior: Array
-    cauchy: float
-    n_free: int
-    attitude_sd: float
-
-    def minimise(self, parameters: Array, noise: float, steps: int) -> float:
-        """Refine `parameters` in place; return the cost."""
-        return minimise(
-            parameters, self.m_ref, self.m_cur, self.centre, noise, self.spread, self.prior, self.cauchy,
-            self.n_free, steps,
-        )  # fmt: skip
-
-    def noise_at(self, parameters: Array, noise: float) -> float:
-        across = describe(parameters, self.m_ref, self.m_cur, self.centre, noise, self.spread)[2]
-        n = len(across)
-        dof = max(n - (self.n_free - 2), 1)
-        sd2 = (1.4826 * float(np.median(np.abs(across)))) ** 2 * n / dof
-        return math.sqrt((NOISE_PRIOR_POINTS * DEFAULT_NOISE**2 + dof * sd2) / (NOISE_PRIOR_POINTS + dof))
+def with_noise(views: TwoViews, parameters: Array, rounds: int) -> TwoViews:
+    """Return the views with the noise that the residuals at `parameters` show."""
+    used = float(views.n_free - 3)  # the size of t and the slopes hide in the inverse depths
+    return views._replace(noise=estimate_noise(describe(parameters, views)[2], views.noise, used, rounds))
 
 
-def make_problem(m_ref: Array, m_cur: Array, attitude_sd: float, spread: float = SPREAD) -> Problem:
-    n_free = N_PARAMETERS if attitude_sd > 0.0 else N_PARAMETERS - 2
-    return Problem(
-        m_ref, m_cur, m_ref.mean(axis=0), spread, prior_weights(attitude_sd), CAUCHY, n_free, attitude_sd
-    )
+@compiled
+def conclude(parameters: Array, views: TwoViews) -> tuple[Array, Array, float, float]:
+    """Return chi2 per point (n,), the covariance of (yaw, t) (4, 4), the unit of t and t' covariance^-1 t.
 
-
-def estimate_at(problem: Problem, parameters: Array, noise: float, cost: float) -> HomographyEstimate:
-    """Describe the minimum at `parameters` as an estimate."""
-    chi2, depth, _ = describe(parameters, problem.m_ref, problem.m_cur, problem.centre, noise, problem.spread)
-    inliers = chi2 < INLIER_CHI2
+    The mean inverse depth of the inliers may differ a little from the prior's 1; in units of it t is exact.
+    """
+    chi2, rho, _ = describe(parameters, views)
+    total, count = 0.0, 0
+    for j in range(len(chi2)):
+        if chi2[j] < INLIER_CHI2:
+            total += rho[j]
+            count += 1
+    size = total / count if count > 0 else 1.0
     A = np.zeros((N_PARAMETERS, N_PARAMETERS))
-    normal_equations(
-        parameters, problem.m_ref, problem.m_cur, problem.centre, noise, problem.spread, problem.prior,
-        problem.cauchy, problem.n_free, A, np.zeros(N_PARAMETERS),
-    )  # fmt: skip
-    # The mean over the inliers may differ a little from the prior's 1: this makes the unit of t exact.
-    scale = float(depth[inliers].mean()) if inliers.any() else 1.0
-    unit = np.array([1.0, scale, scale, scale])
-    covariance = inverse_of(A, problem.n_free)[:4, :4] * np.outer(unit, unit)
-    t = parameters[TX : TZ + 1] * scale
+    normal_equations(parameters, views, True, False, A, np.zeros(N_PARAMETERS))
+    covariance = inverse(A, views.n_free)[:4, :4].copy()
+    t = parameters[TX : TZ + 1]
+    weighted = np.zeros(3)
+    L = np.zeros((3, 3))
+    statistic = 0.0
+    if cholesky(covariance[1:, 1:], 3, 0.0, L):
+        cholesky_solve(L, 3, t, weighted)
+        statistic = t[0] * weighted[0] + t[1] * weighted[1] + t[2] * weighted[2]
+    for k in range(1, 4):
+        covariance[k, :] *= size
+        covariance[:, k] *= size
+    return chi2, covariance, size, statistic
+
+
+def estimate_at(views: TwoViews, minimum: Minimum, note: str = "") -> HomographyEstimate:
+    """Describe a minimum as an estimate."""
+    cost, parameters = minimum
+    chi2, covariance, size, statistic = conclude(parameters, views)
+    t = parameters[TX : TZ + 1] * size
     H = rotation(parameters[YAW], parameters[ROLL], parameters[PITCH])
     H[:, 2] += t
-    defined = bool(t @ np.linalg.solve(covariance[1:, 1:], t) > T_CHI2)
     return HomographyEstimate(
-        H=scaled_homography(H, problem.m_ref, problem.m_cur),
+        H=scaled_homography(H, views.m_ref, views.m_cur),
         method="upright",
-        quality=float(np.mean(np.maximum(0.0, 1.0 - chi2 / INLIER_CHI2))),
-        inliers=inliers,
-        noise=noise,
+        quality=float(np.maximum(0.0, 1.0 - chi2 / INLIER_CHI2).mean()),
+        inliers=chi2 < INLIER_CHI2,
+        note=note,
+        noise=views.noise,
         yaw=wrap_angle(float(parameters[YAW])),
         t=t,
         covariance=covariance,
         roll=float(parameters[ROLL]),
         pitch=float(parameters[PITCH]),
         slopes=parameters[SLOPE_X : SLOPE_Y + 1].copy(),
-        t_defined=defined,
+        t_defined=statistic > T_CHI2,
         cost=cost,
         parameters=parameters.copy(),
     )
 
 
-def cold_starts(problem: Problem, noise: float, seed: int) -> list[Array]:
-    """Return parameters to start from, best first: three-point RANSAC, and the view that only turned."""
-    rng = np.random.default_rng(seed)
-    n = len(problem.m_ref)
-    triples = rng.random((N_DRAWS, n)).argpartition(3, axis=1)[:, :3]
-    tilts = rng.normal(0.0, 1.0, (N_DRAWS, 2)) * problem.attitude_sd
-    limit = 3.0 * noise
-    found, scores = sample_candidates(problem.m_ref, problem.m_cur, triples, tilts, limit)
-    starts = []
-    for index in distinct_best(found, scores, N_REFINED, 0.02, 0.98):
-        start = np.zeros(N_PARAMETERS)
-        sized_start(found[index], problem.m_ref, problem.m_cur, limit, start)
-        starts.append(start)
-    turned = np.zeros(N_PARAMETERS)
-    turned[YAW] = np.median(np.arctan(problem.m_cur[:, 0]) - np.arctan(problem.m_ref[:, 0]))
-    return [*starts, turned]
+def distinct(minima: list[Minimum]) -> list[Minimum]:
+    """Return the minima, best first, without those that repeat a better one."""
+    kept: list[Minimum] = []
+    for cost, p in sorted(minima, key=lambda minimum: minimum[0]):
+        near = 0.01 + 0.03 * float(np.abs(p[TX : TZ + 1]).max())
+        if all(abs(p[YAW] - q[YAW]) > 0.01 or np.abs(p - q)[TX : TZ + 1].max() > near for _, q in kept):
+            kept.append((cost, p))
+    return kept
 
 
-def solve_cold(problem: Problem, noise: float, seed: int) -> list[tuple[float, Array]]:
-    """Return the distinct minima as (cost, parameters), best first."""
-    tried = []
-    for start in cold_starts(problem, noise, seed):
-        cost = problem.minimise(start, noise, 4)
-        tried.append((cost, start))
-    tried.sort(key=lambda pair: pair[0])
-    finished = []
-    for _, start in tried[:N_FINISHED]:
-        cost = problem.minimise(start, noise, 20)
-        finished.append((cost, start))
-    finished.sort(key=lambda pair: pair[0])
-    return finished
+def solve_cold(
+    views: TwoViews, attitude_sd: float, fixed_noise: bool, seed: int
+) -> tuple[TwoViews, list[Minimum]]:
+    """Return the distinct minima, best first, and the views with their noise."""
+    tried = [(minimise(start, views, False, 4), start) for start in cold_starts(views, attitude_sd, seed)]
+    best = distinct(tried)[:N_FINISHED]
+    best = distinct([(minimise(parameters, views, False, 20), parameters) for _, parameters in best])
+    if not fixed_noise:
+        for _ in range(2):
+            views = with_noise(views, best[0][1], 15)
+            minimise(best[0][1], views, False, 10)
+    return views, distinct([(minimise(parameters, views, True, 20), parameters) for _, parameters in best])
+
+
+def follow(views: TwoViews, start: HomographyEstimate, fixed_noise: bool) -> tuple[TwoViews, list[Minimum]]:
+    """Return the minima near `start` and near its alternatives, in this order, and the views with their noise."""
+    if not fixed_noise:
+        views = views._replace(noise=start.noise)
+    parameters = start.parameters.copy()
+    if views.n_free < N_PARAMETERS:
+        parameters[ROLL] = parameters[PITCH] = 0.0
+    minimise(parameters, views, False, 8)
+    if not fixed_noise:
+        views = with_noise(views, parameters, 2)
+    minima = [(minimise(parameters, views, True, 8), parameters)]
+    for other in start.alternatives:
+        parameters = other.parameters.copy()
+        minimise(parameters, views, False, 8)
+        minima.append((minimise(parameters, views, True, 8), parameters))
+    return views, minima
+
+
+def still_open(minima: list[Minimum]) -> list[Minimum]:
+    """Return the answer that is followed and the alternatives that are still open, in this order.
+
+    An alternative that costs clearly less takes the first place; one that costs clearly more, or has run into
+    the answer that is followed, is dropped.
+    """
+    if len(minima) == 1:
+        return minima
+    best = min(minima, key=lambda minimum: minimum[0])
+    first = best if best[0] < minima[0][0] - SWITCH_COST else minima[0]
+    others = [
+        minimum for minimum in minima if minimum is not first and minimum[0] < best[0] + ALTERNATIVE_COST
+    ]
+    return [first, *(other for other in others if len(distinct([first, other])) == 2)]
+
+
+def nearest_first(minima: list[Minimum], start: HomographyEstimate | None) -> list[Minimum]:
+    """Return the minima that explain the points about as well as the best, the nearest to `start` first."""
+    best = min(cost for cost, _ in minima)
+    kept = [minimum for minimum in minima if minimum[0] < best + ALTERNATIVE_COST]
+    if start is not None and len(kept) > 1:
+        kept.sort(key=lambda minimum: float(np.linalg.norm((minimum[1] - start.parameters)[: TZ + 1])))
+    return kept
 
 
 def estimate_upright(
@@ -209,31 +198,58 @@ def estimate_upright(
     *,
     start: HomographyEstimate | None = None,
     noise: float | None = None,
-    spread: float = SPREAD,
     seed: int = 0,
 ) -> HomographyEstimate:
-    """Estimate yaw and t between two views of an upright camera."""
+    """Estimate yaw and t between two views of an upright camera.
+
+    Source: the model of servoing.md, "Homography"; corrected: the term `absorbed`.
+
+    Parameters
+    ----------
+    m_ref, m_current
+        Matched points (n, 2), normalised; roll and pitch as far as known taken out (`noctule.camera.derotate`).
+    attitude_sd
+        Standard deviation [rad] of what is left of roll and pitch; 0 holds both at zero.
+    start
+        The estimate of the previous tick: the search starts there and in its alternatives, and only where that
+        explains fewer than half of the points does it start anew. Without it (a new key image) it starts cold.
+    noise
+        Of a match, both images together, in normalised units; estimated from the points where it is None.
+    seed
+        Of the random draws of a cold start.
+
+    Raises
+    ------
+    PointShapeError, NonFinitePointsError, TooFewPointsError, EstimatorValueError
+
+    """
     a, b = checked_points(m_ref, m_current, "upright", LEAST_POINTS)
-    problem = make_problem(a, b, attitude_sd, spread)
-    level = DEFAULT_NOISE if noise is None else noise
-    if start is not None:
-        parameters = start.parameters.copy()
-        level = start.noise if noise is None else noise
-        cost = problem.minimise(parameters, level, 10)
-        warm = estimate_at(problem, parameters, level, cost)
-        if warm.inliers.mean() > 0.5:
-            return warm
-    minima = solve_cold(problem, level, seed)
-    cost, parameters = minima[0]
-    if noise is None:
-        for _ in range(2):
-            level = problem.noise_at(parameters, level)
-            cost = problem.minimise(parameters, level, 10)
-    return replace(estimate_at(problem, parameters, level, cost), note="")
+    checked_options("upright", attitude_sd, noise)
+    views = two_views(a, b, attitude_sd, DEFAULT_NOISE if noise is None else noise)
+    note = ""
+    if start is not None and start.method == "upright":
+        warm, minima = follow(views, start, noise is not None)
+        minima = still_open(minima)
+        followed = estimate_at(warm, minima[0])
+        if np.count_nonzero(followed.inliers) > WARM_SHARE * len(a):
+            return with_alternatives(followed, warm, minima[1:])
+        note = "the start explained too few points; started anew"
+    views, minima = solve_cold(views, attitude_sd, noise is not None, seed)
+    kept = nearest_first(minima, start)
+    return with_alternatives(estimate_at(views, kept[0], note), views, kept[1:])
+
+
+def with_alternatives(
+    estimate: HomographyEstimate, views: TwoViews, others: list[Minimum]
+) -> HomographyEstimate:
+    """Return the estimate with the other answers described beside it."""
+    if not others:
+        return estimate
+    return replace(estimate, alternatives=tuple(estimate_at(views, minimum) for minimum in others))
 
 
 def refine_upright(
-    m_ref: NDArray[np.float64], m_current: NDArray[np.float64], start: HomographyEstimate, attitude_sd: float = 0.0
+    m_ref: ArrayLike, m_current: ArrayLike, start: HomographyEstimate, attitude_sd: float = 0.0
 ) -> HomographyEstimate:
-    """Warm-start `upright` from the estimate of the previous tick."""
+    """Return `estimate_upright` from the estimate of the previous tick; the entry for the flight loop."""
     return estimate_upright(m_ref, m_current, attitude_sd, start=start)

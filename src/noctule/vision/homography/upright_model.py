@@ -11,6 +11,7 @@ where rho is a point's inverse depth in units of the mean inverse depth, so t is
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,18 @@ N_PARAMETERS = 8
 NEWTON_STEPS = 4
 NEAREST = 0.05
 """A point's depth in the current camera, in reference depths, is never taken to be less than this."""
+
+
+class TwoViews(NamedTuple):
+    """The matched points, and what is assumed about them."""
+
+    m_ref: Array  # (n, 2)
+    m_cur: Array  # (n, 2)
+    centre: Array  # (2,), mean of m_ref
+    noise: float  # of both images together, in normalised units
+    spread: float  # standard deviation of a point's inverse depth about the sloped plane
+    prior: Array  # (8,), inverse variances of the unknowns
+    n_free: int  # 6 with roll and pitch held, else 8
 
 
 @compiled
@@ -100,20 +113,21 @@ def model_inverse_depth(parameters: Array, dx: float, dy: float) -> float:
 
 @compiled
 def residual(
-    parameters: Array, R: Array, x: float, y: float, dx: float, dy: float, m: Array, noise: float, spread: float
+    parameters: Array, R: Array, views: TwoViews, j: int
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return (e_u, e_v, g_u, g_v, rho, u, v, 1/z) of one point, linearised at its best inverse depth.
+    """Return (e_u, e_v, g_u, g_v, rho, u, v, 1/z) of point j, linearised at its best inverse depth.
 
     With rho the best inverse depth, e = r + g (rho_model - rho) is the residual that the linear model predicts
     at rho_model; its covariance is noise^2 I + spread^2 g g', and there e' C^-1 e equals the smallest value of
     |r|^2 / noise^2 + (rho - rho_model)^2 / spread^2.
     """
+    x, y, m = views.m_ref[j, 0], views.m_ref[j, 1], views.m_cur[j]
     tx, ty, tz = parameters[TX], parameters[TY], parameters[TZ]
     qx = R[0, 0] * x + R[0, 1] * y + R[0, 2]
     qy = R[1, 0] * x + R[1, 1] * y + R[1, 2]
     qz = R[2, 0] * x + R[2, 1] * y + R[2, 2]
-    rho_model = model_inverse_depth(parameters, dx, dy)
-    rho = best_inverse_depth(qx, qy, qz, tx, ty, tz, m[0], m[1], rho_model, noise, spread)
+    rho_model = model_inverse_depth(parameters, x - views.centre[0], y - views.centre[1])
+    rho = best_inverse_depth(qx, qy, qz, tx, ty, tz, m[0], m[1], rho_model, views.noise, views.spread)
     u, v, inverse_z = project(qx, qy, qz, tx, ty, tz, rho)
     gu, gv = (tx - u * tz) * inverse_z, (ty - v * tz) * inverse_z
     gap = rho_model - rho
@@ -123,22 +137,21 @@ def residual(
 @compiled
 def jacobian(
     D: Array,
-    n_free: int,
-    x: float,
-    y: float,
-    dx: float,
-    dy: float,
+    views: TwoViews,
+    j: int,
     at: tuple[float, float, float, float, float, float, float, float],
     J: Array,
 ) -> None:
-    """Write de/dparameters of one point into J (2, 8), taken at its best inverse depth; `at` is `residual`'s.
+    """Write de/dparameters of point j into J (2, 8), taken at its best inverse depth; `at` is `residual`'s.
 
     With d(u, v)/dX = ((1, 0, -u), (0, 1, -v)) / z: dX/dangle = dR/dangle X_ref, dX/dt = rho I, and the slopes
     act through rho_model: de/da = g dx, de/db = g dy.
     """
     _, _, gu, gv, rho, u, v, inverse_z = at
+    x, y = views.m_ref[j, 0], views.m_ref[j, 1]
+    dx, dy = x - views.centre[0], y - views.centre[1]
     for k in range(3):
-        if k == 0 or n_free == N_PARAMETERS:
+        if k == 0 or views.n_free == N_PARAMETERS:
             column = YAW if k == 0 else (ROLL if k == 1 else PITCH)
             vx = D[k, 0, 0] * x + D[k, 0, 1] * y + D[k, 0, 2]
             vy = D[k, 1, 0] * x + D[k, 1, 1] * y + D[k, 1, 2]
