@@ -100,7 +100,8 @@ def test_the_refusals_say_what_to_do() -> None:
     with pytest.raises(DeviceError) as caught:
         craft.send(Command(math.nan), 0.2)
     assert str(caught.value) == (
-        "simulated vehicle: command (nan, 0.0, 0.0, 0.0) for 0.2 s; expected finite numbers and a time above 0"
+        "simulated vehicle: command (nan, 0.0, 0.0, 0.0) for 0.2 s; "
+        "expected finite numbers and a time above 0"
     )
     flying = aircraft()
     flying.emergency()

@@ -79,7 +79,8 @@ def test_furniture_may_be_a_list() -> None:
         ),
         (
             "[vehicle\n",
-            "world file: not TOML: Expected ']' at the end of a table declaration (at line 1, column 9); mend that line",
+            "world file: not TOML: Expected ']' at the end of a table declaration (at line 1, column 9); "
+            "mend that line",
         ),
     ],
 )
@@ -190,7 +191,7 @@ def test_a_piece_is_solid_where_it_is_drawn(kind: str) -> None:
     assert {s.name for s in solids} == {f"{kind}_0"}
     assert {s.kind for s in solids} == {"person" if kind == "person" else "furniture"}
     for block in blocks:
-        # The centre of everything that is seen lies inside something that can be hit; a cushion or leaf may stick out.
+        # What is seen can be hit; a cushion or a leaf may stick out a little.
         inside = [_contains(s, block.centre, 0.12) for s in solids]
         assert any(inside), block
     low = min(s.centre[2] - s.half[2] for s in solids)

@@ -117,7 +117,7 @@ def _shelf(
 def _lamps(spec: RoomSpec, rng: np.random.Generator, solids: list[Solid], blocks: list[Block]) -> None:
     clear, top = spec.keep_clear, spec.size[2]
     margin = clear.margin + 0.25
-    for i in range(5):
+    for i in range(spec.lamps):
         x = float(rng.uniform(spec.x_min + 0.4, spec.x_max - 0.4))
         y = float(rng.uniform(spec.y_min + 0.4, spec.y_max - 0.4))
         low = top - float(rng.uniform(0.35, 0.8))

@@ -102,6 +102,7 @@ class RoomSpec(Settings):
     ] = Field((10.5, 7.0, 3.0), description="inner extent along x, y and z [m]")
     furniture: int | tuple[FurnitureSpec, ...] = Field(16, description="how many to draw, or the list itself")
     pictures: int = Field(28, ge=0, le=60, description="pictures on the walls")
+    lamps: int = Field(5, ge=0, le=60, description="hanging lamps to draw, away from `keep_clear`")
     keep_clear: KeepClear = KeepClear()
     columns: tuple[ColumnSpec, ...] = ()
     lights: tuple[LightSpec, ...] = (LightSpec(x=0.0, y=0.0), LightSpec(x=4.5, y=0.0))
