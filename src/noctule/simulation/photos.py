@@ -72,9 +72,13 @@ def desaturate(picture: NDArray[np.generic], most: float = MOST_SATURATED) -> Im
     high, low = np.maximum(np.maximum(r, g), b), np.minimum(np.minimum(r, g), b)
     # S of y + k (x - y) is k (high - low) / (y + k (high - y)); solve S = most for k.
     need = (high - low) - most * (high - y)
-    k = np.where(need > most * y, most * y / np.maximum(need, 1e-6), 1.0)[..., None]
-    mild = y[..., None] + k * (x - y[..., None])
-    return np.asarray(np.clip(np.rint(mild), 0, 255), dtype=np.uint8)
+    strong = need > most * y
+    if strong.any():
+        luminance = y[strong]
+        k = (most * luminance / need[strong])[:, None]
+        x = x.copy()
+        x[strong] = luminance[:, None] + k * (x[strong] - luminance[:, None])
+    return np.asarray(np.clip(np.rint(x), 0, 255), dtype=np.uint8)
 
 
 def fractal(

@@ -40,9 +40,10 @@ def _pixels(wide: float, tall: float) -> tuple[int, int]:
 
 def _corners(wide: int, tall: int, metres: float) -> np.ndarray:
     per_metre = wide / metres
-    rows, columns = np.mgrid[0:tall, 0:wide].astype(np.float32)
-    edge = np.minimum(np.minimum(columns, wide - 1 - columns), np.minimum(rows, tall - 1 - rows)) / per_metre
-    return np.asarray(1.0 - 0.28 * np.exp(-edge / 0.22) - 0.08 * np.exp(-edge / 0.9))
+    x, y = np.arange(wide, dtype=np.float32), np.arange(tall, dtype=np.float32)
+    from_side, from_top = np.minimum(x, wide - 1 - x), np.minimum(y, tall - 1 - y)
+    edge = np.minimum(from_side[None, :], from_top[:, None]) / np.float32(per_metre)
+    return np.asarray(1.0 - 0.28 * np.exp(-edge / 0.22) - 0.08 * np.exp(-edge / 0.9), dtype=np.float32)
 
 
 def _bricks(rng: np.random.Generator, wide: int, tall: int) -> np.ndarray:
@@ -102,15 +103,18 @@ def _floor(layout: Layout, rng: np.random.Generator, wide: int, tall: int) -> np
         floor[r : r + 2] *= 0.6
     floor *= (1.0 + 0.09 * grain + 0.05 * fractal(rng, tall, wide, 4, 8, 0.8))[..., None]
     _rugs(layout, rng, floor, per_metre)
+    soft = cv2.resize(_shadows(layout, per_metre / 4.0, tall // 4, wide // 4), (wide, tall))
+    return np.asarray(floor * soft[..., None] * _corners(wide, tall, layout.spec.size[0])[..., None])
+
+
+def _shadows(layout: Layout, per_metre: float, tall: int, wide: int) -> np.ndarray:
+    """Return how much light reaches the floor under and around what stands on it, 0 to 1."""
     shade = np.ones((tall, wide), dtype=np.float32)
     for solid in layout.solids:
         if solid.centre[2] - solid.half[2] < 0.6:
-            corners = _to_pixels(layout, solid_polygon(solid), per_metre, tall)
-            cv2.fillPoly(shade, [corners], 0.42)
-    soft = 0.5 * cv2.GaussianBlur(shade, (0, 0), 0.22 * per_metre) + 0.5 * cv2.GaussianBlur(
-        shade, (0, 0), 0.05 * per_metre
-    )
-    return np.asarray(floor * soft[..., None] * _corners(wide, tall, layout.spec.size[0])[..., None])
+            cv2.fillPoly(shade, [_to_pixels(layout, solid_polygon(solid), per_metre, tall)], 0.42)
+    wide_blur = cv2.GaussianBlur(shade, (0, 0), 0.22 * per_metre)
+    return np.asarray(0.5 * wide_blur + 0.5 * cv2.GaussianBlur(shade, (0, 0), 0.05 * per_metre))
 
 
 def _rugs(layout: Layout, rng: np.random.Generator, floor: np.ndarray, per_metre: float) -> None:
