@@ -105,6 +105,27 @@ def test_an_attitude_sd_of_0_is_a_stabilised_camera(noctule, flown):
     assert mission.pilot.attitude_sd_deg == 0.0
 
 
+def test_an_experiment_is_flown_as_the_paper_has_it_with_the_options_asked(noctule, flown):
+    from noctule.experiments import EXPERIMENTS
+
+    noctule("experiment", "servo-5.1", "--seed", "4", "--law", "published", "--attitude-sd", "0.5")
+    assert flown.missions == [EXPERIMENTS["servo-5.1"].mission(4, "published", 0.5)]
+    assert flown.seeds == [4]
+
+
+def test_each_seed_of_an_experiment_draws_its_own_mission(noctule, monkeypatch):
+    from noctule.experiments import EXPERIMENTS
+
+    asked = campaign(monkeypatch, ["reached", "reached"])
+    noctule("experiment", "servo-5.2", "--seeds", "2:4", "--no-report", "--time-limit", "30")
+    for seed, mission in zip((2, 3), asked["missions"], strict=True):
+        plain = EXPERIMENTS["servo-5.2"].mission(seed, "noctule", 0.0)
+        assert mission.room == plain.room
+        assert mission.path == plain.path
+        assert mission.flight.time_limit_s == 30.0
+    assert asked["missions"][0].room != asked["missions"][1].room
+
+
 def test_ctrl_c_in_flight_is_130_and_keeps_what_was_written(noctule, flown):
     flown.error = Aborted("flight: ended by Ctrl-C after 3.0 s")
     said = noctule("fly", "--json", "--out", "here")

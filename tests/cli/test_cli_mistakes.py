@@ -49,6 +49,10 @@ COMMANDS = "fly, missions, experiment, report, doctor"
             ["fly", "--attitude-sd", "9"],
             "--attitude-sd: input should be less than or equal to 5, found 9.0",
         ),
+        (
+            ["experiment", "servo-5.1", "--attitude-sd", "-1"],
+            "--attitude-sd: input should be greater than or equal to 0, found -1.0",
+        ),
         (["fly", "--attitude-sd", "nan"], "--attitude-sd: input should be a finite number, found nan"),
         (["fly", "--time-limit", "-3"], "--time-limit: input should be greater than 0, found -3.0"),
         (["fly", "two-colums"], "there is no mission 'two-colums'; did you mean two-columns?"),

@@ -66,5 +66,10 @@ def of_experiment(
 ) -> Mission:
     """Return the mission of an experiment of the papers; each seed draws its own."""
     from noctule.experiments import EXPERIMENTS
+    from noctule.pilots import PilotSettings
 
-    return changed(EXPERIMENTS[name].mission(seed, law, attitude_sd_deg), time_limit_s=time_limit_s)
+    # Asked here first, where a value out of range is one line.
+    pilot = _with(PilotSettings(), "--attitude-sd", attitude_sd_deg=attitude_sd_deg)
+    pilot = _with(pilot, "--law", law=law)
+    mission = EXPERIMENTS[name].mission(seed, pilot.law, pilot.attitude_sd_deg)
+    return changed(mission, time_limit_s=time_limit_s)
