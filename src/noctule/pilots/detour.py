@@ -29,6 +29,7 @@ J_DETOUR: Array = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]])
 """The task's Jacobian: it demands the forward and the left speed."""
 
 _MOST_DOUBT = 0.05  # [m] of room at the most for what dead reckoning may have lost
+_FINAL = 0.6  # [m] to the last image: from here on the target's own clearance counts
 _HITS = 3  # detections before a column is believed: a single false box must not move the vehicle
 
 
@@ -164,15 +165,17 @@ class Detour:
             if e.unseen > 0.0:
                 # Out of sight it may have come nearer than dead reckoning says.
                 radius += min(doubt * e.distance, _MOST_DOUBT)
-            if goal is not None:
-                reach = float(np.linalg.norm(goal - here))
-                # A target inside the disc: keep what the target itself keeps, but never touch.
-                radius = max(min(radius, reach - 0.02), e.radius + self.body_radius + 0.05)
-                if float(np.linalg.norm(goal)) < float(np.linalg.norm(here)) - radius:
-                    continue
-            # The distance is uncertain before the column has loomed: act on its near end.
-            if e.distance * np.exp(-min(doubt, 0.7)) - radius > self.settings.reach:
+            # Distances are uncertain before the column has loomed: act on its near end.
+            near = e.distance * float(np.exp(-min(doubt, 0.7))) + self.camera_ahead - radius
+            if near > self.settings.reach:
                 continue
+            if goal is not None:
+                if float(np.linalg.norm(goal)) < near:
+                    continue
+                if float(np.linalg.norm(goal)) < _FINAL:
+                    # A target inside the disc: keep what the target itself keeps, but never touch.
+                    reach = float(np.linalg.norm(goal - here))
+                    radius = max(min(radius, reach - 0.02), e.radius + self.body_radius + 0.05)
             discs.append((centre, radius, i))
         return discs
 
