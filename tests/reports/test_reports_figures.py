@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.quiver import Quiver
 from synthetic_flight import TICK, box_outline, make_log, without_truth
 
 from noctule.reports.flight_log import FlightLog, Solid
@@ -152,6 +153,15 @@ def test_the_map_holds_the_whole_flight_the_key_images_and_the_columns():
     for points in (LOG.truth.position[:, :2], LOG.key_poses[:, :2], *columns):
         assert (points >= low).all()
         assert (points <= high).all()
+
+
+@pytest.mark.parametrize(("gap", "length"), [(0.1, 0.1), (0.3, 0.18), (2.0, 0.28)])
+def test_the_arrows_of_a_dense_path_do_not_run_into_one_another(gap, length):
+    poses = np.array([[gap * i, 0.0, 1.0, 0.0] for i in range(5)])
+    axes = drawn(views_figure, replace(LOG, key_poses=poses)).axes
+    above = next(axis for axis in axes if axis.get_title(loc="left") == "The flight from above")
+    arrows = next(c for c in above.collections if isinstance(c, Quiver))
+    assert 1.0 / arrows.scale == pytest.approx(length)
 
 
 def test_a_flight_without_a_described_room_has_no_map_of_the_whole_room():

@@ -104,8 +104,11 @@ def _draw_key_images(axis: Axes, log: FlightLog) -> None:
     if not len(log.key_poses):
         return
     x, y, yaw = log.key_poses[:, 0], log.key_poses[:, 1], log.key_poses[:, 3]
+    # Short enough that neighbours on a dense path do not run into one another.
+    gaps = np.hypot(np.diff(x), np.diff(y))
+    length = float(np.clip(0.6 * np.median(gaps), 0.1, 0.28)) if len(gaps) else 0.28
     axis.quiver(
-        x, y, np.cos(yaw), np.sin(yaw), angles="xy", scale_units="xy", scale=1.0 / 0.28, width=0.004,
+        x, y, np.cos(yaw), np.sin(yaw), angles="xy", scale_units="xy", scale=1.0 / length, width=0.004,
         color=KEY_COLOUR, zorder=7,
     )  # fmt: skip
     axis.plot(x, y, "o", ms=4, color=KEY_COLOUR, zorder=7)
