@@ -61,7 +61,15 @@ def test_red_is_found_on_both_sides_of_the_end_of_the_circle(hue):
     picture = with_column(grays("coffee"), 300, 320, hue)
     for asked in (350.0, 0.0, 9.0):
         assert len(detect_columns(noisy(picture, 2.0), ColumnColour(hue=asked))) == 1
-    assert detect_columns(noisy(picture, 2.0), ColumnColour(hue=40.0)) == ()
+    for other in (40.0, 180.0, 310.0):
+        assert detect_columns(noisy(picture, 2.0), ColumnColour(hue=other)) == ()
+
+
+@pytest.mark.parametrize("hue", [40.0, 290.0, 320.0])
+def test_what_is_nearly_red_is_not_red(hue):
+    picture = noisy(with_column(grays("coffee"), 300, 320, hue), 2.0)
+    assert detect_columns(picture, ColumnColour(hue=0.0)) == ()
+    assert len(detect_columns(picture, ColumnColour(hue=hue))) == 1
 
 
 @pytest.mark.parametrize("name", NAMES)
