@@ -144,11 +144,11 @@ def decode_decision(message: Any) -> Decision:
         error=np.array(d.error, dtype=np.float64),
         translation=np.array(d.translation, dtype=np.float64),
         yaw_error=d.yaw_error,
-        activations=dict(d.activations),
+        activations=dict(sorted(d.activations.items())),
         points_current=_rows(d.points_current),
         points_ref=_rows(d.points_ref),
         columns=columns,
-        task_errors=dict(d.task_errors),
+        task_errors=dict(sorted(d.task_errors.items())),
     )
     return Decision(
         decode_command(message.command),

@@ -163,13 +163,16 @@ class FlightRecorder:
                 self._failure = self._failure or error
 
     def _check(self) -> None:
-        error = self._file.error or self._failure
-        if error is not None:
-            why = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        if self._file.error is not None:
             raise RecordingError(
-                f"recording {self.path}: {why}; what was flown until then can be read, "
+                f"recording {self.path}: {self._file.error.strerror}; what was flown until then can be read, "
                 "free some space or name another folder with --out"
-            ) from error
+            ) from self._file.error
+        if self._failure is not None:
+            raise RecordingError(
+                f"recording {self.path}: a message could not be written ({self._failure}); "
+                "what was flown until then can be read, please report this fault"
+            ) from self._failure
 
     def _log(self, name: str, message: Any, time_ns: int) -> None:
         data = message.SerializeToString(deterministic=True)
@@ -195,7 +198,8 @@ class FlightRecorder:
 
     def _log_picture(self, picture: Picture, time_ns: int) -> None:
         data = encode_picture(picture, self._lossless, self._jpeg_quality)
-        stamp_ns = round(picture.stamp * 1e9)
+        # The exact stamp is in the observation; this one, for viewers, cannot be negative.
+        stamp_ns = max(round(picture.stamp * 1e9), 0)
         message = CompressedImage(
             timestamp=Timestamp(stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000),
             frame_id="camera",

@@ -47,7 +47,7 @@ class Condition(Enum):
     LAND_ASKED = "landing was asked for"
     VEHICLE_LANDING = "the vehicle is landing by itself"
     BATTERY_LOW = "the battery is low"
-    BLIND_LONG = "nothing new came from the camera, the vehicle or the pilot for too long"
+    BLIND_LONG = "no picture, report or command came for too long"
     STATE_STALE = "the vehicle's report is old"
     PICTURE_STALE = "the newest picture is old"
     COMMAND_EXPIRED = "the pilot's last command has expired"

@@ -20,15 +20,17 @@ def _parts(dotted: str) -> Key:
     return tuple(p.strip("\"'") for p in re.findall(_PART, dotted))
 
 
-def _blank_strings(text: str) -> str:
-    """Return the text with comments and what is inside strings blanked, line breaks kept."""
+def _blank(text: str, short_strings: bool) -> str:
+    """Return the text with comments and long strings blanked, `short_strings` if asked; line breaks stay."""
     result, at = [], 0
     while (found := _SILENT.search(text, at)) is not None:
         end = found.end()
         if found.group() in ('"""', "'''"):
             close = text.find(found.group(), end)
             end = len(text) if close < 0 else close + 3
-        result += [text[at : found.start()], re.sub(r"[^\n]", " ", text[found.start() : end])]
+        inside = text[found.start() : end]
+        keep = inside[0] in "\"'" and not short_strings and found.group() not in ('"""', "'''")
+        result += [text[at : found.start()], inside if keep else re.sub(r"[^\n]", " ", inside)]
         at = end
     return "".join([*result, text[at:]])
 
@@ -42,9 +44,9 @@ def key_lines(text: str) -> dict[Key, int]:
     counts: dict[Key, int] = {}
     table: Key = ()
     depth = 0
-    # Quoted keys are rare and lost in the blanked text, so both texts are walked side by side.
+    # Keys may be quoted, but brackets inside strings do not count: two texts are walked side by side.
     for number, (line, bare) in enumerate(
-        zip(text.split("\n"), _blank_strings(text).split("\n"), strict=True), start=1
+        zip(_blank(text, False).split("\n"), _blank(text, True).split("\n"), strict=True), start=1
     ):
         if depth == 0:
             if (found := _ARRAY_TABLE.match(line)) is not None:
