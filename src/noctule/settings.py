@@ -4,6 +4,6 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Settings(BaseModel):
-    """Validated, frozen, and strict about unknown keys; each room defines its own groups next to their use."""
+    """Validated, frozen, strict about unknown keys; each room defines its own groups next to their use."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

@@ -88,20 +88,22 @@ class ProgressLaw:
             # The way back: what disagrees for a third of a second is the truth, and what was known is not.
             if self.rejected[i] < 10:
                 return agreed
-        depth, spread = self._expected_depth(i)
-        self.targets[i] = begin_target(*measured, self.prior, depth, spread, self._known_bias())
+        expected, bias = self._expected_inverse_depth(i), self._known_bias()
+        self.targets[i] = begin_target(*measured, self.prior, expected, bias)
         self.rejected[i] = 0
         return known is None
 
-    def _expected_depth(self, i: int) -> tuple[float, float]:
-        """Return the depth [m] to expect for image i and the sd of its logarithm, from a neighbour's."""
-        before, same = self.targets.get(i - 1), self.targets.get(i)
+    def _expected_inverse_depth(self, i: int) -> tuple[float, float] | None:
+        """Return the inverse depth [1/m] to expect for image i and its sd, from what is known, or None."""
+        same, before = self.targets.get(i), self.targets.get(i - 1)
         if same is not None:
-            return same.depth, max(0.2, float(np.sqrt(same.P[3, 3])))
+            s = same.inverse_depth
+            return s, max(0.2 * s, float(np.sqrt(same.P[3, 3])))
         if before is not None:
             ratio = self.links[i - 1].depth_ratio
-            return before.depth * ratio, float(np.hypot(0.15, np.sqrt(before.P[3, 3])))
-        return self.prior.depth, self.prior.depth_log_sd
+            s = before.inverse_depth / ratio
+            return s, float(np.hypot(0.15 * s, np.sqrt(before.P[3, 3]) / ratio))
+        return None
 
     def _known_bias(self) -> tuple[Array, Array] | None:
         current = self.targets.get(self.k)
