@@ -49,16 +49,18 @@ def _corners(wide: int, tall: int, metres: float) -> np.ndarray:
 def _bricks(rng: np.random.Generator, wide: int, tall: int) -> np.ndarray:
     mortar = tinted(np.ones((tall, wide)), (150, 142, 132))
     long, high = int(0.24 * PIXELS_PER_METRE), int(0.085 * PIXELS_PER_METRE)
-    surface = cv2.resize(photo("brick"), (wide, tall), interpolation=cv2.INTER_LINEAR)[..., :1]
-    surface = surface.astype(np.float32) / surface.mean()
+    grain = photo("gravel")[..., :1].astype(np.float32)
+    surface = np.tile(grain / grain.mean(), (tall // len(grain) + 1, wide // grain.shape[1] + 1, 1))[
+        :tall, :wide
+    ]
     tone = np.array((170, 122, 102), dtype=np.float32)
     for row, y in enumerate(range(0, tall, high)):
         for x in range(-(row % 2) * long // 2, wide, long):
             # Every brick has its own colour, so that a wall of equal bricks can be matched.
-            rgb = tone * np.float32(rng.uniform(0.62, 1.25)) + rng.uniform(-14.0, 14.0, 3).astype(np.float32)
+            rgb = tone * np.float32(rng.uniform(0.62, 1.25)) + rng.uniform(-8.0, 8.0, 3).astype(np.float32)
             mortar[y + 1 : y + high - 1, max(x + 1, 0) : max(x + long - 1, 0)] = rgb
     stains = 1.0 + 0.10 * fractal(rng, tall, wide, 4, 8, 0.8)
-    return np.asarray(mortar * (0.6 + 0.4 * surface) * stains[..., None])
+    return np.asarray(mortar * (0.75 + 0.25 * surface) * stains[..., None])
 
 
 def _plaster(rng: np.random.Generator, wide: int, tall: int, height: float) -> np.ndarray:
