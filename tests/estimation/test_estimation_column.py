@@ -109,6 +109,22 @@ def test_detections_are_told_apart_by_bearing():
     assert column_distance2(near, other, PRIOR) > 16.0
 
 
+def test_detections_in_one_direction_are_told_apart_by_size():
+    near, _ = approach(0.05, 60)
+    left, right = edges_of(near.centre, 0.05)
+    middle, quarter = (left + right) / 2.0, (left - right) / 8.0
+    assert column_distance2(near, (middle + quarter, middle - quarter), PRIOR) > 16.0
+
+
+def test_a_column_at_the_border_of_the_picture_is_told_by_its_one_edge():
+    near, _ = approach(0.05, 60)
+    left, right = edges_of(near.centre, 0.05)
+    assert column_distance2(near, (left, None), PRIOR) < 1.0
+    assert column_distance2(near, (None, right), PRIOR) < 1.0
+    assert column_distance2(near, (left + 0.5, None), PRIOR) > 16.0
+    assert column_distance2(near, (None, None), PRIOR) == np.inf
+
+
 def test_covariances_stay_symmetric_and_positive():
     column, _ = approach(0.05, 120, rng=np.random.default_rng(4))
     assert column.P == pytest.approx(column.P.T, abs=1e-12)

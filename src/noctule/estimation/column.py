@@ -16,6 +16,8 @@ import numpy as np
 
 from noctule.geometry import Array, wrap_angle
 
+_GROWTH_SD = 0.3  # of the log of apparent size between pictures; columns that overlap in the picture do worse
+
 
 @dataclass(frozen=True, slots=True)
 class ColumnPrior:
@@ -116,8 +118,20 @@ def update_column(
     return ColumnEstimate(x, A @ P @ A.T + gain @ noise @ gain.T, 0.0)
 
 
-def column_distance2(column: ColumnEstimate, edges: tuple[float, float], prior: ColumnPrior) -> float:
-    """Return the squared Mahalanobis distance of a detection's bearing from this column (one dimension)."""
-    spread = prior.bearing_sd**2 + float(column.P[0, 0]) + 0.25 * _half_angle(column.x) ** 2
-    off = wrap_angle(0.5 * (edges[0] + edges[1]) - float(column.x[0]))
-    return float(off**2 / spread)
+def column_distance2(
+    column: ColumnEstimate, edges: tuple[float | None, float | None], prior: ColumnPrior
+) -> float:
+    """Return the squared Mahalanobis distance of a detection from this column: bearing, and apparent size.
+
+    With one edge out of the picture there is no size, and the bearing is that edge's.
+    """
+    left, right = edges
+    half = _half_angle(column.x)
+    if left is None or right is None:
+        edge, expected = (left, column.x[0] + half) if left is not None else (right, column.x[0] - half)
+        off = np.inf if edge is None else wrap_angle(edge - float(expected))
+        return float(off**2 / (prior.bearing_sd**2 + column.P[0, 0] + half**2))
+    spread = prior.bearing_sd**2 + float(column.P[0, 0]) + 0.25 * half**2
+    off = wrap_angle(0.5 * (left + right) - float(column.x[0]))
+    growth = np.log(max(0.5 * (left - right), 1e-3) / half)
+    return float(off**2 / spread + (growth / _GROWTH_SD) ** 2)

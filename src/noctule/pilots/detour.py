@@ -28,6 +28,7 @@ from noctule.pilots.settings import DetourSettings
 J_DETOUR: Array = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]])
 """The task's Jacobian: it demands the forward and the left speed."""
 
+_FARTHEST, _WIDEST = 12.0, 0.75  # [m]
 _MOST_DOUBT = 0.05  # [m] of room at the most for what dead reckoning may have lost
 _FINAL = 0.6  # [m] to the last image: from here on the target's own clearance counts
 _HITS = 3  # detections before a column is believed: a single false box must not move the vehicle
@@ -85,7 +86,9 @@ class Detour:
         e = column.estimate
         behind = -self._centre(e)[0] > self.body_radius + self.settings.margin
         patience = self.settings.forget_s if column.hits >= _HITS else 0.2
-        return bool(behind or e.unseen > patience)
+        # What never looms is no column: two that overlapped in the picture, or something far behind.
+        absurd = e.distance > _FARTHEST or e.radius > _WIDEST
+        return bool(behind or absurd or e.unseen > patience)
 
     def _centre(self, estimate: ColumnEstimate) -> Array:
         """Return the axis of a column, (2,) [m]: forward and left of the body's centre."""
@@ -96,10 +99,7 @@ class Detour:
         columns = list(self.columns)
         free = set(range(len(columns)))
         for left, right in edges:
-            a, b = left if left is not None else right, right if right is not None else left
-            if a is None or b is None:
-                continue
-            near = [(column_distance2(columns[i].estimate, (a, b), self.prior), i) for i in free]
+            near = [(column_distance2(columns[i].estimate, (left, right), self.prior), i) for i in free]
             best = min(near, default=(np.inf, -1))
             if best[0] < 16.0:
                 i = best[1]
