@@ -11,7 +11,8 @@ from flight_fakes import FakeWorld, ScriptedPilot, forward, no_match
 
 from noctule.devices.protocols import DeviceError
 from noctule.flight.fence import Fence
-from noctule.flight.loop import Aborted, Flown, LoopSettings, fly
+from noctule.flight.flown import Aborted, Flown
+from noctule.flight.loop import LoopSettings, fly
 from noctule.flight.reader import read_recording
 from noctule.flight.recording import FlightRecorder, RecordingError
 from noctule.flight.rig import take_off

@@ -62,6 +62,13 @@ def test_the_supervisor_is_given_the_missions_limits_and_fence():
     assert bounds.fence.high[2] == 1.8
 
 
+def test_a_fence_that_is_not_given_stands_inside_the_rooms_walls():
+    text = PATH + "[room]\ncorner = [-1.0, -2.0]\nsize = [8.0, 5.0, 3.5]\n[fence]\nx_max = 4.0\n"
+    fence = parse_mission(text, "my.toml").bounds.fence
+    assert fence.low == (-0.75, -1.75, 0.15)
+    assert fence.high == (4.0, 2.75, 3.25)
+
+
 def test_every_mistake_is_a_line_of_its_own_with_file_line_field_value_and_range():
     text = """
 [path]
@@ -105,7 +112,7 @@ def test_a_mistake_in_an_array_of_tables_is_told_with_its_index_and_line():
 
 
 def test_a_rule_between_fields_is_told_where_its_group_begins():
-    assert mistakes(PATH + "[fence]\nx_min = 9\n") == (
+    assert mistakes(PATH + "[fence]\nx_min = 9\nx_max = 7.5\n") == (
         "my.toml:3: fence: x_min is 9 and x_max 7.5; the first must be the smaller"
     )
     assert mistakes("[path]\nfolder = 'a'\nposes = [[0, 0, 1, 0]]\n") == (

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from noctule.flight import Aborted, fly_mission, load_path, load_truth, parse_mission, read_recording, teach
+import noctule.flight.mission_flight as mission_flight
+import noctule.flight.recording as recording_module
+from noctule.flight import (
+    Aborted,
+    RecordingError,
+    fly_mission,
+    load_path,
+    load_truth,
+    parse_mission,
+    read_recording,
+    teach,
+)
 from noctule.flight.mission_flight import settled
 from noctule.flight.reader import RecordingFileError
 from noctule.flight.replay import recorded_mission, recorded_path, replay
@@ -93,8 +106,6 @@ def test_a_replay_that_differs_says_where_and_by_how_much(flights):
     told = type(ticks[20].told)()
     told.CopyFrom(ticks[20].told)
     told.state.v_body[0] += 0.3
-    from dataclasses import replace
-
     ticks[20] = replace(ticks[20], told=told)
     outcome = replay(replace(recording, ticks=tuple(ticks)))
     assert outcome.first_difference is not None
@@ -186,9 +197,43 @@ def test_ctrl_c_in_a_flight_is_one_line_and_leaves_a_recording_with_its_summary(
     assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "aborted"
 
 
-def test_a_recording_without_a_mission_or_a_path_cannot_be_replayed(flights):
-    from dataclasses import replace
+def test_a_disk_that_fills_up_in_flight_is_one_line_and_what_was_flown_can_be_read(
+    mission, tmp_path, flights, monkeypatch
+):
+    write = recording_module._AppendOnlyFile._write_all
 
+    def full(self, data: memoryview) -> None:
+        if self._size + len(data) > 8_000_000:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(self, data)
+
+    monkeypatch.setattr(recording_module._AppendOnlyFile, "_write_all", full)
+    (flights[1].out / "paths").rename(tmp_path / "paths")
+    endless = mission.model_copy(update={"flight": mission.flight.model_copy(update={"time_limit_s": 600.0})})
+    with pytest.raises(RecordingError) as caught:
+        fly_mission(endless, 3, tmp_path, progress=False)
+    (tmp_path / "paths").rename(flights[1].out / "paths")
+    assert str(caught.value) == (
+        f"recording {tmp_path}/flight.mcap: No space left on device; what was flown until then can be read, "
+        "free some space or name another folder with --out"
+    )
+    recording = read_recording(tmp_path / "flight.mcap")
+    assert not recording.complete
+    assert len(recording.flown) > 0
+    assert summary_of(recording)["outcome"] == "aborted"
+    assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "aborted"
+
+
+def test_ctrl_c_before_the_flight_is_one_line_too(mission, tmp_path, monkeypatch):
+    def interrupted(*args: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(mission_flight, "teach", interrupted)
+    with pytest.raises(Aborted, match=r"^flight: ended by Ctrl-C before it began or while it was"):
+        fly_mission(mission, 3, tmp_path, progress=False)
+
+
+def test_a_recording_without_a_mission_or_a_path_cannot_be_replayed(flights):
     recording = replace(read_recording(flights[0].recording), files={})
     with pytest.raises(RecordingFileError) as caught:
         recorded_mission(recording)

@@ -206,7 +206,8 @@ def test_neighbours_that_share_too_little_are_both_named_with_the_count(tmp_path
     save_path(tmp_path / "walk", pictures, CAMERA, MOUNT)
     assert re.fullmatch(
         re.escape(f"path {tmp_path}/walk: images 000.png and 001.png share ")
-        + r"\d+ points( \(.*\))?, at least 16 are needed to fly from one to the other; take a picture between them",
+        + r"\d+ points( \(.*\))?, at least 16 are needed to fly "
+        r"from one to the other; take a picture between them",
         wrong(tmp_path / "walk", NeighbourError),
     )
 

@@ -1,6 +1,7 @@
 """The flight: the loop that owns time and safety, the mission file, path folders, the recording."""
 
-from noctule.flight.loop import Aborted, Flown, LoopSettings, fly
+from noctule.flight.flown import Aborted, Flown
+from noctule.flight.loop import LoopSettings, fly
 from noctule.flight.mission import (
     Mission,
     MissionFileError,

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import gc
 import time
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 
 from noctule.devices.protocols import StaleFrameError
-from noctule.errors import NoctuleError
 from noctule.flight.fence import DeadReckoning
+from noctule.flight.flown import Aborted, Flown
 from noctule.flight.interrupt import interruptible
 from noctule.flight.progress import Show
 from noctule.flight.recording import FlightRecorder, RecordingError, sent_message
 from noctule.flight.rig import Rig, take_off
-from noctule.flight.summary import Samples
 from noctule.flight.supervisor import Action, Bounds, Inputs, Ruling, State, supervise
 from noctule.flight.worker import Matcher, MatchWorker
 from noctule.geometry import Pose
@@ -35,10 +37,6 @@ _LAND_LIMIT = 15.0  # [s] to reach the ground
 _RESTING = 0.05  # [m/s]
 
 
-class Aborted(NoctuleError):  # noqa: N818  (an end that was asked for, not a fault)
-    """The flight was ended from outside; the recording can be read."""
-
-
 @dataclass(frozen=True, slots=True)
 class LoopSettings:
     """How the loop runs."""
@@ -49,30 +47,6 @@ class LoopSettings:
     valid_for_s: float = 0.25  # a command that nothing follows expires after this
     land_at_end: bool = True
     height: float = 1.0  # [m], of the take-off where the vehicle stands on the ground
-
-
-@dataclass(slots=True)
-class Flown:
-    """What a flight came to; filled while it lasts."""
-
-    outcome: Outcome | None = None
-    reason: str = ""
-    error: BaseException | None = None  # to be raised when all is closed
-    begin: float = 0.0  # [s], the pilot's first tick
-    end: float = 0.0  # [s], the outcome
-    wall: float = 0.0  # [s] of wall time between the two
-    samples: Samples = field(default_factory=Samples)
-    phase: str = ""
-
-    @property
-    def realtime_factor(self) -> float | None:
-        """Seconds of flight per second of wall time."""
-        return (self.end - self.begin) / self.wall if self.wall > 0.0 else None
-
-    def finish(self, outcome: Outcome, reason: str, error: BaseException | None = None) -> None:
-        """Set the outcome; the first one stands."""
-        if self.outcome is None:
-            self.outcome, self.reason, self.error = outcome, reason, error
 
 
 class _Loop:
@@ -253,7 +227,7 @@ def fly(
     flown = Flown()
     worker = MatchWorker(matcher, settings.match_delay_s)
     loop = _Loop(rig, settings, bounds, worker, recorder, start, flown.samples.sent)
-    with interruptible() as interrupted:
+    with interruptible() as interrupted, _collected():
         try:
             loop.wait()
             flown.begin = flown.end = loop.stamp
@@ -279,6 +253,17 @@ def fly(
         finally:
             worker.close()
     return flown
+
+
+@contextmanager
+def _collected() -> Iterator[None]:
+    """Leave what is there already out of garbage collection: going through it takes longer than a tick."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def _aborted(elapsed: float) -> str:

@@ -78,14 +78,15 @@ class PathSettings(Settings):
 
 
 class FenceSettings(Settings):
-    """The box that the vehicle must not leave."""
+    """The box that the vehicle must not leave; a side that is not given is the room's."""
 
-    x_min: Metres = Field(-3.0, description="[m]")
-    x_max: Metres = Field(7.5, description="[m]")
-    y_min: Metres = Field(-3.5, description="[m]")
-    y_max: Metres = Field(3.5, description="[m]")
+    x_min: Metres | None = Field(None, description="[m]")
+    x_max: Metres | None = Field(None, description="[m]")
+    y_min: Metres | None = Field(None, description="[m]")
+    y_max: Metres | None = Field(None, description="[m]")
     z_min: float = Field(0.15, ge=0.0, le=20.0, description="lowest height [m]")
-    z_max: float = Field(2.5, ge=0.1, le=20.0, description="highest height [m]")
+    z_max: float | None = Field(None, ge=0.1, le=20.0, description="highest height [m]")
+    inside: float = Field(0.25, ge=0.0, le=5.0, description="from the walls, where no side is given [m]")
     margin_per_second: float = Field(0.005, ge=0.0, le=1.0, description="growth of the margin [m/s]")
     margin_per_metre: float = Field(0.02, ge=0.0, le=1.0, description="growth of the margin [m/m]")
 
@@ -93,15 +94,28 @@ class FenceSettings(Settings):
     def _not_empty(self) -> Self:
         for axis in "xyz":
             low, high = getattr(self, f"{axis}_min"), getattr(self, f"{axis}_max")
-            if low >= high:
+            if low is not None and high is not None and low >= high:
                 raise ValueError(
                     f"{axis}_min is {low:g} and {axis}_max {high:g}; the first must be the smaller"
                 )
         return self
 
-    def values(self) -> Fence:
+    def values(self, room: RoomSpec) -> Fence:
         """Return the record that the supervisor takes."""
-        low, high = (self.x_min, self.y_min, self.z_min), (self.x_max, self.y_max, self.z_max)
+
+        def side(given: float | None, wall: float) -> float:
+            return wall if given is None else given
+
+        low = (
+            side(self.x_min, room.x_min + self.inside),
+            side(self.y_min, room.y_min + self.inside),
+            self.z_min,
+        )
+        high = (
+            side(self.x_max, room.x_max - self.inside),
+            side(self.y_max, room.y_max - self.inside),
+            side(self.z_max, room.size[2] - self.inside),
+        )
         return Fence(low, high, self.margin_per_second, self.margin_per_metre)
 
 
@@ -149,7 +163,7 @@ class Mission(Settings):
     @property
     def bounds(self) -> Bounds:
         """What the supervisor holds the flight to."""
-        return Bounds(limits=self.limits.values(), fence=self.fence.values())
+        return Bounds(limits=self.limits.values(), fence=self.fence.values(self.room))
 
 
 def parse_mission(text: str, name: str, base: Path | None = None) -> Mission:

@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from noctule.flight.codec import encode_pose
-from noctule.flight.loop import Flown, LoopSettings, fly
+from noctule.flight.flown import Aborted, Flown
+from noctule.flight.loop import LoopSettings, fly
 from noctule.flight.mission import Mission
 from noctule.flight.path_folder import load_path, load_truth
 from noctule.flight.progress import flight_progress
@@ -60,7 +61,16 @@ def fly_mission(
     NoctuleError
         For everything else that a person can mend, such as RecordingError when the disk is full.
     """
-    mission = settled(mission, seed, law)
+    try:
+        return _fly(settled(mission, seed, law), out, progress)
+    except KeyboardInterrupt:
+        raise Aborted(
+            "flight: ended by Ctrl-C before it began or while it was being ended; "
+            "what was recorded until then can be read"
+        ) from None
+
+
+def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
     seed = mission.flight.seed
     folder = mission.path.folder or teach(mission, seed, out)
     path = load_path(folder, mission.camera.intrinsics, mission.pilot.features)
@@ -92,10 +102,11 @@ def fly_mission(
             start = mission.start.nominal
             flown = fly(rig, pilot, matcher, settings, mission.bounds, recorder, show, start)
         summary = _sum_up(flown, truth)
-        if not recorder.failed:
-            recorder.note("summary", {name: json.dumps(value) for name, value in summary.items()})
+        noted = {name: json.dumps(value) for name, value in summary.items()}
         summary["recording"] = str(recording)
         _write_summary(out / "summary.json", summary)
+        if not recorder.failed:
+            recorder.note("summary", noted)
         if flown.error is not None:
             raise flown.error
     return FlightResult(summary, recording, out)

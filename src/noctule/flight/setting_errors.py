@@ -22,7 +22,7 @@ _TYPES = {
 def explain(error: ValidationError, model: type[BaseModel], text: str, name: str) -> str:
     """Return the mistakes in the TOML `text` of file `name`, one a line."""
     lines = key_lines(text)
-    told: list[str] = []
+    told: list[tuple[int, str]] = []
     found = [(item, *_find(model, item["loc"], item["type"])) for item in error.errors(include_url=False)]
     places = [location for _, location, _, _ in found]
     for i, (item, location, field, owner) in enumerate(found):
@@ -32,8 +32,8 @@ def explain(error: ValidationError, model: type[BaseModel], text: str, name: str
             continue
         line = line_of(lines, location)
         where = name if line is None else f"{name}:{line}"
-        told.append(f"{where}: {_sentence(item, location, field, owner)}")
-    return "\n".join(told)
+        told.append((line or 0, f"{where}: {_sentence(item, location, field, owner)}"))
+    return "\n".join(sentence for _, sentence in sorted(told, key=lambda t: t[0]))
 
 
 def dotted(location: Sequence[str | int]) -> str:
