@@ -10,6 +10,7 @@ import numpy as np
 from noctule.simulation.spec import FurnitureKind, FurnitureSpec, RoomSpec
 
 TRIES = 60
+OVERHANG = 0.06  # [m], what a piece may stick out of its rectangle, for instance a turned crate
 GAP = 0.15  # [m] between pieces, and between pieces and columns
 
 # width, depth and height [m], each from and to
@@ -78,7 +79,7 @@ def _allowed(spec: RoomSpec, print_: _Rectangle, taken: list[_Rectangle]) -> boo
     )
     return (
         inside
-        and print_.distance(corridor) >= clear.margin
+        and print_.distance(corridor) >= clear.margin + OVERHANG
         and all(print_.distance(other) >= GAP for other in taken)
     )
 

@@ -77,7 +77,10 @@ def _settings(spec: mujoco.MjSpec, layout: Layout) -> None:
     for lamp in room.lights:
         spec.worldbody.add_light(
             pos=[lamp.x, lamp.y, lamp.z],
-            type=mujoco.mjtLightType.mjLIGHT_POINT,
+            # A spot that is open all round; this renderer leaves lights of type POINT dark.
+            type=mujoco.mjtLightType.mjLIGHT_SPOT,
+            cutoff=180.0,
+            exponent=0.0,
             diffuse=[lamp.intensity] * 3,
             specular=[0.0] * 3,
             castshadow=False,

@@ -106,7 +106,7 @@ class RoomSpec(Settings):
     keep_clear: KeepClear = KeepClear()
     columns: tuple[ColumnSpec, ...] = ()
     lights: tuple[LightSpec, ...] = (LightSpec(x=0.0, y=0.0), LightSpec(x=4.5, y=0.0))
-    ambient: float = Field(0.85, ge=0.0, le=1.0, description="light that comes from everywhere")
+    ambient: float = Field(0.75, ge=0.0, le=1.0, description="light that comes from everywhere")
 
     @model_validator(mode="after")
     def _inside(self) -> Self:
