@@ -11,6 +11,7 @@ from noctule.vision.homography.result import (
     DEFAULT_NOISE,
     HomographyEstimate,
     NoHomographyError,
+    checked_options,
     checked_points,
     scaled_homography,
 )
@@ -83,6 +84,7 @@ def estimate_planar(
 
     """
     a, b = checked_points(m_ref, m_current, "planar", LEAST_POINTS)
+    checked_options("planar", attitude_sd, noise)
     level = DEFAULT_NOISE if noise is None else noise
     threshold = THRESHOLD * level
     inliers = robust_inliers(a, b, threshold)

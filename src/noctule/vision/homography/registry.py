@@ -6,6 +6,7 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
+from noctule.vision.homography.generic import estimate_generic
 from noctule.vision.homography.planar import estimate_planar
 from noctule.vision.homography.result import (
     HomographyEstimate,
@@ -30,7 +31,12 @@ class Estimator(Protocol):
         """Estimate the homography from the reference to the current view."""
 
 
-METHODS: dict[str, Estimator] = {"planar": estimate_planar, "upright": estimate_upright}
+METHODS: dict[str, Estimator] = {
+    "generic": estimate_generic,
+    "planar": estimate_planar,
+    "upright": estimate_upright,
+}
+"""Add an estimator by adding its name here."""
 
 
 def estimate_homography(
@@ -43,7 +49,29 @@ def estimate_homography(
     noise: float | None = None,
     seed: int = 0,
 ) -> HomographyEstimate:
-    """Estimate the homography from the reference to the current view of the same points."""
+    """Estimate the homography from the reference to the current view of the same points.
+
+    Parameters
+    ----------
+    m_ref, m_current
+        Matched points (n, 2) in normalised coordinates, each with its own camera's principal point removed.
+    method
+        A name in METHODS. The result's `method` is the one really used.
+    attitude_sd
+        For `upright`: standard deviation [rad] of the roll and pitch that are left between the views.
+    start
+        For `upright`: the estimate of the previous tick.
+    noise
+        Of a match, both images together, in normalised units; a default, or estimated, where it is None.
+    seed
+        Of random draws; the same input and seed give the same estimate bit for bit.
+
+    Raises
+    ------
+    UnknownMethodError, PointShapeError, NonFinitePointsError, TooFewPointsError, EstimatorValueError,
+    NoHomographyError
+
+    """
     estimator = METHODS.get(method)
     if estimator is None:
         raise UnknownMethodError(

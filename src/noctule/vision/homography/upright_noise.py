@@ -7,22 +7,23 @@ import math
 from noctule.geometry import Array
 from noctule.vision.homography.compiled import compiled
 
-PRIOR_NOISE = 6e-4
-"""Noise of both images together that is assumed with few points, in normalised units: 0.3 px at f = 510 px."""
-PRIOR_POINTS = 4.0
+PRIOR_NOISE = 4e-4
+"""Noise of both images together that is assumed with few points, in normalised units: 0.2 px at
+f = 510 px."""
+PRIOR_POINTS = 2.0
 """How many points the assumption weighs."""
 OUTLIER_WIDTH = 0.3
 """Outliers are spread evenly over this width, in normalised units."""
-NORMAL_FACTOR = 1.365
-"""Standard deviation of a normal distribution over the scale of the Student distribution that fits it."""
+NORMAL_FACTOR = 1.634
+"""Standard deviation of a normal distribution over the scale of the Cauchy distribution that fits it best."""
 
 
 @compiled
 def estimate_noise(across: Array, noise: float, used: float, rounds: int) -> float:
     """Return the noise of residuals (n,) that hold outliers, by expectation maximisation from `noise`.
 
-    Inliers follow Student's distribution with two degrees of freedom (SIFT's errors have such tails), outliers
-    a uniform one; `used` is the number of residuals that the fit itself has used up.
+    Inliers follow Cauchy's distribution (SIFT's errors have such tails), outliers a uniform one; `used` is the
+    number of residuals that the fit itself has used up.
     """
     n = len(across)
     scale = noise / NORMAL_FACTOR
@@ -33,10 +34,10 @@ def estimate_noise(across: Array, noise: float, used: float, rounds: int) -> flo
         flat = (1.0 - share) / OUTLIER_WIDTH
         for j in range(n):
             z2 = (across[j] / scale) ** 2
-            student = share * (1.0 + 0.5 * z2) ** -1.5 / (2.8284271247461903 * scale)
-            member = student / (student + flat)
+            peaked = share / ((1.0 + z2) * math.pi * scale)
+            member = peaked / (peaked + flat)
             members += member
-            squares += member * 3.0 / (2.0 + z2) * across[j] * across[j]
+            squares += member * 2.0 / (1.0 + z2) * across[j] * across[j]
         share = (members + 1.0) / (n + 2.0)
         dof = max(members - used, 1.0)
         seen = NORMAL_FACTOR * NORMAL_FACTOR * squares / dof

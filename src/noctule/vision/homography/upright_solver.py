@@ -11,8 +11,10 @@ from noctule.vision.homography.compiled import compiled
 from noctule.vision.homography.upright_cost import normal_equations
 from noctule.vision.homography.upright_model import N_PARAMETERS, TwoViews
 
-ENOUGH = 1e-3
+FINE = 1e-3
 """A step that gains less in cost moves by less than a thirtieth of a standard deviation."""
+COARSE = 0.1
+"""Enough for a stage that another one follows."""
 
 
 @compiled
@@ -65,10 +67,10 @@ def inverse(A: Array, n: int) -> Array:
 
 
 @compiled
-def minimise(parameters: Array, views: TwoViews, redescending: bool, max_steps: int) -> float:
+def minimise(parameters: Array, views: TwoViews, redescending: bool, max_steps: int, enough: float) -> float:
     """Move `parameters` (8,) to the nearest minimum, at most `max_steps` steps; return the cost there.
 
-    It ends before a step that is predicted to gain less than ENOUGH.
+    It ends before a step that is predicted to gain less than `enough`.
     """
     A, A_trial = np.zeros((N_PARAMETERS, N_PARAMETERS)), np.zeros((N_PARAMETERS, N_PARAMETERS))
     b, b_trial = np.zeros(N_PARAMETERS), np.zeros(N_PARAMETERS)
@@ -86,7 +88,7 @@ def minimise(parameters: Array, views: TwoViews, redescending: bool, max_steps: 
         for k in range(views.n_free):
             trial[k] = parameters[k] - step[k]
             gain += step[k] * b[k]
-        if gain < ENOUGH:
+        if gain < enough:
             break
         trial_cost = normal_equations(trial, views, redescending, True, A_trial, b_trial)
         if trial_cost < cost:
