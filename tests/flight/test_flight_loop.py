@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from flight_fakes import FakeWorld, ScriptedPilot, forward, no_match
 from noctule.devices.protocols import DeviceError
 from noctule.flight.fence import Fence
 from noctule.flight.flown import Aborted, Flown
+from noctule.flight.interrupt import interruptible
 from noctule.flight.loop import LoopSettings, fly
 from noctule.flight.reader import read_recording
 from noctule.flight.recording import FlightRecorder, RecordingError
@@ -260,6 +263,40 @@ def test_a_pilot_with_a_fault_is_landed_and_its_error_handed_on():
     assert world.vehicle.flight_state == FlightState.LANDED
     steps = np.diff([c.forward for c in world.vehicle.sent])
     assert np.abs(steps).max() <= DT
+
+
+def test_a_link_that_breaks_ends_the_flight_with_its_own_first_error():
+    world = FakeWorld()
+    send = world.vehicle.send
+
+    def broken(command: Command, valid_for: float) -> Command:
+        if len(world.vehicle.sent) >= 20:
+            raise DeviceError("fake vehicle: no answer")
+        return send(command, valid_for)
+
+    world.vehicle.send = broken
+    flown = fly_fake(world, forward())
+    assert flown.outcome == Outcome.ABORTED
+    assert str(flown.error) == "fake vehicle: no answer"
+    assert flown.reason == "DeviceError: fake vehicle: no answer"
+
+
+def test_in_a_thread_of_its_own_the_flight_leaves_signals_alone():
+    before, seen = signal.getsignal(signal.SIGINT), []
+
+    def run() -> None:
+        with interruptible() as asked:
+            seen.append((asked.is_set(), signal.getsignal(signal.SIGINT)))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert seen == [(False, before)]
+
+
+def test_what_was_there_before_the_flight_is_collected_again_after_it():
+    fly_fake(FakeWorld(), forward(), time_limit_s=0.2)
+    assert gc.get_freeze_count() == 0
 
 
 def test_a_recording_holds_the_pilots_ticks_and_the_braking_after_them(tmp_path):

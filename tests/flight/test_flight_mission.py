@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from noctule.flight.mission import (
@@ -256,6 +256,7 @@ def test_a_key_without_a_line_of_its_own_has_that_of_what_is_around_it():
 names = st.text("abcdefgh_-", min_size=1, max_size=6)
 
 
+@settings(deadline=None)
 @given(st.dictionaries(names, st.dictionaries(names, st.integers(), min_size=1, max_size=4), max_size=5))
 def test_the_line_of_every_key_holds_that_key(tables):
     rows, where = [], {}
@@ -268,6 +269,7 @@ def test_the_line_of_every_key_holds_that_key(tables):
     assert all(lines[key] == line for key, line in where.items())
 
 
+@settings(deadline=None)
 @given(st.text())
 def test_any_text_at_all_is_walked_without_a_fault(text):
     assert all(1 <= line <= text.count("\n") + 1 for line in key_lines(text).values())

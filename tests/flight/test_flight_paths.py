@@ -220,6 +220,23 @@ def test_another_camera_than_the_one_that_flies_is_told(folder):
     )
 
 
+def test_a_stabilised_camera_does_not_fly_the_path_of_one_that_is_not(folder):
+    gimbal = CameraMount(MOUNT.t_body_camera, stabilised=True)
+    assert wrong(folder, PathCameraError, mount=gimbal) == (
+        f"path {folder}: the camera that took it is not stabilised, the mission's is stabilised; "
+        "fly it with the camera that took it or teach the path again"
+    )
+
+
+def test_a_camera_at_another_place_of_the_body_is_told(folder):
+    behind = CameraMount(MOUNT.t_body_camera - [0.2, 0.0, 0.0], stabilised=False)
+    assert wrong(folder, PathCameraError, mount=behind) == (
+        f"path {folder}: it was taken by a camera 0.20 m from where the mission's sits on the body, at most "
+        "0.05 m are allowed; mend the mission or teach the path again"
+    )
+    assert load_path(folder, CAMERA, mount=MOUNT).mount.stabilised is False
+
+
 def test_a_folder_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(PathFolderError) as caught:

@@ -130,6 +130,7 @@ def test_what_the_vehicle_does_not_say_stays_unsaid(tmp_path):
     assert np.isnan(tick.tick_ms)
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(allow_nan=False), min_size=4, max_size=4))
 def test_commands_survive_bit_for_bit(values):
     command = Command(*values)
@@ -198,7 +199,7 @@ def two_seconds(tmp_path_factory):
     return path.read_bytes()
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**9))
 def test_a_file_cut_anywhere_gives_the_ticks_before_the_cut(two_seconds, tmp_path_factory, at):
     cut = two_seconds[: 8 + at % (len(two_seconds) - 8)]

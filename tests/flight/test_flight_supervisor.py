@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from noctule.flight.fence import DeadReckoning, Fence, bound_by_fence
@@ -150,6 +150,7 @@ inputs = st.builds(
 moving = st.sampled_from([State.FLYING, State.HOVER, State.LANDING])
 
 
+@settings(deadline=None)
 @given(moving, inputs, inside)
 def test_no_command_ever_steps_beyond_the_acceleration_limit_whoever_decides(state, told, previous):
     ruling = supervise(state, told, previous, Bounds())
@@ -158,12 +159,14 @@ def test_no_command_ever_steps_beyond_the_acceleration_limit_whoever_decides(sta
     assert abs(change[3]) <= LIMITS.yaw_acceleration * DT
 
 
+@settings(deadline=None)
 @given(moving, inputs, inside)
 def test_no_command_is_faster_than_the_limits(state, told, previous):
     sent = supervise(state, told, previous, Bounds()).command.as_array()
     assert (np.abs(sent) <= LIMITS.speeds + 1e-12).all()
 
 
+@settings(deadline=None)
 @given(inputs, inside)
 def test_the_supervisors_own_commands_always_brake(told, previous):
     ruling = supervise(State.LANDING, told, previous, Bounds())

@@ -5,12 +5,12 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from noctule.devices.protocols import StaleFrameError
+from noctule.devices.protocols import DeviceError, StaleFrameError
 from noctule.flight.fence import DeadReckoning
 from noctule.flight.flown import Aborted, Flown
 from noctule.flight.interrupt import interruptible
@@ -246,9 +246,14 @@ def fly(
                 if flown.outcome is None:
                     show(loop.stamp - flown.begin, flown.phase)
                     loop.wait()
-            loop.end(settings.land_at_end or flown.outcome == Outcome.ABORTED)
+            try:
+                loop.end(settings.land_at_end or flown.outcome == Outcome.ABORTED)
+            except DeviceError as error:
+                # The first error tells more: a lost link fails here again.
+                flown.error = flown.error or error
         except BaseException:
-            rig.vehicle.land()
+            with suppress(DeviceError):
+                rig.vehicle.land()
             raise
         finally:
             worker.close()

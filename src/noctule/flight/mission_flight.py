@@ -73,7 +73,7 @@ def fly_mission(
 def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
     seed = mission.flight.seed
     folder = mission.path.folder or teach(mission, seed, out)
-    path = load_path(folder, mission.camera.intrinsics, mission.pilot.features)
+    path = load_path(folder, mission.camera.intrinsics, mission.pilot.features, mission.camera.mount)
     truth = load_truth(folder)
     pilot = make_pilot(mission.pilot, path, mission.limits.values(), 1.0 / mission.flight.rate_hz)
     matcher = make_matcher(mission.pilot, path)

@@ -29,6 +29,7 @@ from noctule.pilots.visual_path import KeyImage, VisualPath
 from noctule.settings import Settings
 
 FORMAT = 1
+_MOUNT_TOLERANCE = 0.05  # [m]
 
 
 class PathFolderError(NoctuleError):
@@ -186,7 +187,12 @@ def _read_picture(folder: Path, entry: ImageEntry, camera: CameraEntry) -> NDArr
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-def load_path(folder: Path, expected: PinholeCamera | None = None, kind: str | None = None) -> VisualPath:
+def load_path(
+    folder: Path,
+    expected: PinholeCamera | None = None,
+    kind: str | None = None,
+    mount: CameraMount | None = None,
+) -> VisualPath:
     """Load a path folder and check it; features and links come from its cache where that fits.
 
     `kind` asks for another kind of feature than the path was taught with.
@@ -196,7 +202,7 @@ def load_path(folder: Path, expected: PinholeCamera | None = None, kind: str | N
     PathFolderError
         For another format, a missing, changed or wrongly sized picture, or neighbours that share too little.
     PathCameraError
-        When `expected`, the camera that will fly, is not the camera that took the pictures.
+        When `expected`, the camera that will fly, or its `mount` are not those that took the pictures.
     """
     file: PathFile = _read_toml(folder / "path.toml", PathFile)
     if file.format != FORMAT:
@@ -207,6 +213,9 @@ def load_path(folder: Path, expected: PinholeCamera | None = None, kind: str | N
     camera = PinholeCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy)
     if expected is not None:
         check_camera(camera, expected, f"path {folder}")
+    taken = CameraMount(np.array(c.t_body_camera), c.stabilised)
+    if mount is not None:
+        check_mount(taken, mount, f"path {folder}")
     pictures = [_read_picture(folder, entry, c) for entry in file.images]
     names = [entry.file for entry in file.images]
     kind = kind or file.features
@@ -223,7 +232,7 @@ def load_path(folder: Path, expected: PinholeCamera | None = None, kind: str | N
         KeyImage(e.file, p, f, float(np.radians(e.roll_deg)), float(np.radians(e.pitch_deg)))
         for e, p, f in zip(file.images, pictures, features, strict=True)
     )
-    return VisualPath(camera, CameraMount(np.array(c.t_body_camera), c.stabilised), images, links)
+    return VisualPath(camera, taken, images, links)
 
 
 def check_camera(camera: PinholeCamera, expected: PinholeCamera, where: str) -> None:
@@ -235,6 +244,22 @@ def check_camera(camera: PinholeCamera, expected: PinholeCamera, where: str) -> 
                 f"{where}: it was taken by a camera with {name} {taken:g} px, the mission's has {flying:g}; "
                 "fly it with the camera that took it or teach the path again"
             )
+
+
+def check_mount(taken: CameraMount, flying: CameraMount, where: str) -> None:
+    """Raise PathCameraError unless both are stabilised or neither, and they sit within 5 cm of each other."""
+    if taken.stabilised != flying.stabilised:
+        words = {True: "stabilised", False: "not stabilised"}
+        raise PathCameraError(
+            f"{where}: the camera that took it is {words[taken.stabilised]}, the mission's is "
+            f"{words[flying.stabilised]}; fly it with the camera that took it or teach the path again"
+        )
+    apart = float(np.linalg.norm(taken.t_body_camera - flying.t_body_camera))
+    if apart > _MOUNT_TOLERANCE:
+        raise PathCameraError(
+            f"{where}: it was taken by a camera {apart:.2f} m from where the mission's sits on the body, at most "
+            f"{_MOUNT_TOLERANCE:g} m are allowed; mend the mission or teach the path again"
+        )
 
 
 def load_truth(folder: Path) -> tuple[Pose, ...] | None:
