@@ -184,3 +184,25 @@ def test_a_campaign_writes_one_report_over_all_flights(noctule, monkeypatch):
     said = noctule("fly", "--seeds", "0:2", "--out", "here", "--json")
     assert said.last_json["summary"]["report"] == "here/report/campaign.html"
     assert Path("here/report/campaign.html").is_file()
+
+
+def test_a_campaigns_report_that_fails_does_not_cost_the_figures(noctule, monkeypatch):
+    def fails(laws, out):
+        raise RecordingError("report: the disk is full")
+
+    campaign(monkeypatch, ["reached", "reached"])
+    monkeypatch.setattr("noctule.reports.write_campaign_report", fails)
+    said = noctule("fly", "--seeds", "0:2", "--json")
+    assert said.code == 0
+    assert said.err == "noctule: report: the disk is full\n"
+    assert said.last_json["summary"]["report"] is None
+
+
+def test_a_short_flight_from_the_command_line_to_its_report(noctule):
+    said = noctule("fly", "one-column", "--time-limit", "0.3", "--seed", "2", "--json", "--out", "here")
+    assert said.code == 1
+    assert said.last_json["outcome"] == "stuck"
+    assert said.last_json["reason"] == "the time limit of 0.3 s has passed"
+    assert said.last_json["max_command_step"]["linear"] <= 1.0 / 30.0 + 1e-9
+    assert Path(said.last_json["recording"]).stat().st_size > 0
+    assert Path(said.last_json["report"]).is_file()

@@ -78,10 +78,10 @@ def _fly_many(asked: Asked, seeds: range) -> int:
     results = fly_seeds(asked.make_mission, seeds, folder, progress=sys.stderr.isatty(), finish=finish)
     (folder / RESULTS).write_text(as_json({first.pilot.law: results}) + "\n", encoding="utf-8")
     if asked.report:
-        from noctule.reports.campaign_report import write_campaign_report
+        from noctule.reports import write_campaign_report
 
-        page = write_campaign_report({first.pilot.law: results}, folder / "report")
-        results["summary"]["report"] = page
+        laws: dict[str, Any] = {first.pilot.law: results}
+        results["summary"]["report"] = _or_say_why(lambda: write_campaign_report(laws, folder / "report"))
     print(as_json(results) if asked.json else campaign_text(results))
     return 0 if all(run["outcome"] == "reached" for run in results["runs"]) else 1
 
@@ -93,12 +93,15 @@ def with_report(summary: Mapping[str, Any]) -> dict[str, Any]:
     """
     from noctule.reports import write_report
 
+    return {**summary, "report": _or_say_why(lambda: write_report(Path(summary["recording"])))}
+
+
+def _or_say_why(write: Callable[[], Path]) -> str | None:
     try:
-        page = write_report(Path(summary["recording"]))
+        return str(write())
     except NoctuleError as error:
         print(f"noctule: {error}", file=sys.stderr)
-        return {**summary, "report": None}
-    return {**summary, "report": str(page)}
+        return None
 
 
 def one_seed(seed: int | None, seeds: str | None, otherwise: int) -> int:
