@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from noctule.control.servoing import mean_distance
 from noctule.control.tasks import SafetyBox
@@ -144,18 +145,25 @@ class Perception:
             estimate = self._estimate(tracks, pose)
             if estimate is None:
                 continue
-            good = estimate.inliers
+            good = self._agreeing(estimate)
             if int(good.sum()) >= self.settings.min_points:
                 p_ref, p = tracks.p_ref[good], tracks.p[good]
                 fresh = tracks.matched > self._judged.get(index, -np.inf)
                 views[index] = View(index, pose, estimate, p_ref, p, mean_distance(p, p_ref), fresh)
                 self._judged[index] = tracks.matched
-            self.tracks[index] = tracks.judged(estimate)
+            self.tracks[index] = tracks.judged(estimate, good)
         return views
+
+    def _agreeing(self, estimate: HomographyEstimate) -> NDArray[np.bool_]:
+        """Return the points to go on with, (n,): those of one geometry, where the method can tell."""
+        if self.method == "upright":
+            return estimate.inliers
+        return np.ones(len(estimate.inliers), dtype=np.bool_)
 
     def _near(self, estimate: HomographyEstimate | None) -> bool:
         return (
-            estimate is not None
+            self.method == "upright"
+            and estimate is not None
             and float(np.linalg.norm(estimate.t)) < _ALIGN_WITHIN[0]
             and abs(estimate.yaw) < _ALIGN_WITHIN[1]
         )

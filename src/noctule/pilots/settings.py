@@ -17,7 +17,7 @@ class PublishedGains(Settings):
     lambda_slope: float = Field(5.0, gt=0, le=100, description="slope of the gain at zero error, eq. (4)")
     lambda_lateral_extra: float = Field(2.5, ge=0, le=20, description="added to the lateral gain [1/s]")
     lambda_yaw_ratio: float = Field(0.5, gt=0, le=5, description="yaw gain as a fraction of lambda")
-    lambda_avoid: float = Field(0.5, gt=0, le=10, description="gain of the avoidance task, eq. (9) [1/s]")
+    lambda_avoid: float = Field(0.01, gt=0, le=10, description="gain of the avoidance task, eq. (9) [1/s]")
     lambda_visibility: float = Field(0.2, gt=0, le=10, description="gain of the visibility task, eq. (12)")
     sigma: float = Field(0.05, gt=0, le=1, description="width at which avoidance begins, eq. (8)")
     activation_s: float = Field(1.0, gt=0, le=10, description="time over which a task fades in, eq. (20) [s]")

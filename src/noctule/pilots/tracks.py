@@ -34,9 +34,9 @@ class TrackSet:
         """Return the set with only the points of `mask` (n,)."""
         return replace(self, p_ref=self.p_ref[mask], p=self.p[mask], bad=self.bad[mask])
 
-    def judged(self, estimate: HomographyEstimate) -> TrackSet:
-        """Count outliers and drop the points that have been outliers for too long."""
-        bad = np.where(estimate.inliers, 0, self.bad + 1)
+    def judged(self, estimate: HomographyEstimate, good: NDArray[np.bool_]) -> TrackSet:
+        """Note the estimate, and drop the points that have not been `good` (n,) for too long."""
+        bad = np.where(good, 0, self.bad + 1)
         return replace(self, bad=bad, estimate=estimate).kept(bad < _PATIENCE)
 
     def joined(self, p_ref: Array, p: Array, matched: float, shape: tuple[int, int], most: int) -> TrackSet:

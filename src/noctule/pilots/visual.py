@@ -105,10 +105,10 @@ class VisualPilot:
             )
         found = self.perception.reasons.get(target, "")
         tracked = len(self.perception.tracks[target]) if target in self.perception.tracks else 0
+        few = f"of {tracked} tracked points fewer than {self.settings.min_points} agree on one geometry"
         return (
             f"key image '{name}' was not found again within {self.settings.give_up_s:g} s: "
-            f"{found or f'{tracked} points are tracked, {self.settings.min_points} are needed'}; "
-            "start nearer to it or teach the path again"
+            f"{found or few}; start nearer to it or teach the path again"
         )
 
     def _hover(
