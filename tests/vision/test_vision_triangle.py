@@ -52,5 +52,6 @@ def test_two_points_are_refused_in_one_line():
     with pytest.raises(TriangleError) as error:
         largest_triangle(np.zeros((2, 2)))
     assert str(error.value) == (
-        "largest triangle: points of shape (2, 2), expected (n, 2) finite numbers with n at least 3; match more points"
+        "largest triangle: points of shape (2, 2), "
+        "expected (n, 2) finite numbers with n at least 3; match more points"
     )

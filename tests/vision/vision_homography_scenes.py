@@ -44,7 +44,7 @@ def depths(kind, m, rng):
 
 
 def make_pair(
-    kind, n, rng, *, baseline, yaw_max=np.radians(16), noise_px=0.3, attitude=0.0, outliers=0.0, forward=False
+    kind, n, rng, *, baseline, yaw_max=0.28, noise_px=0.3, attitude=0.0, outliers=0.0
 ):
     """Draw a pair of views; `noise_px` is put on both images, t has the length `baseline` [m]."""
     half = np.array([WIDTH, HEIGHT]) / 2 / FOCAL
@@ -70,7 +70,7 @@ def make_pair(
     good = np.ones(n, bool)
     m = m + rng.normal(0, sd, m.shape)
     m2 = m2 + rng.normal(0, sd, m2.shape)
-    k = int(round(outliers * n))
+    k = round(outliers * n)
     if k:
         bad = rng.permutation(n)[:k]
         m2[bad] = rng.uniform(-1, 1, (k, 2)) * half

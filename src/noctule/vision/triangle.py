@@ -36,9 +36,9 @@ def convex_hull(points: Array) -> NDArray[np.int64]:
 def largest_triangle(points: ArrayLike) -> NDArray[np.int64]:
     """Return the indices (3,) of the points (n, 2) that span the triangle of the largest area.
 
-    Its corners are corners of the convex hull. They are ordered as sortPoints of Toro-Arcila et al. orders them,
-    as far as its two rules agree: the largest x first, the smallest x second. (Taking the extremes of x and y
-    instead of the largest area contradicts the paper itself; the area holds here.)
+    Its corners are corners of the convex hull. They are ordered as sortPoints of Toro-Arcila et al. orders
+    them, as far as its two rules agree: the largest x first, the smallest x second. (Taking the extremes of
+    x and y instead of the largest area contradicts the paper itself; the area holds here.)
 
     Raises
     ------
@@ -49,8 +49,8 @@ def largest_triangle(points: ArrayLike) -> NDArray[np.int64]:
     xy = np.asarray(points, dtype=np.float64)
     if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 3 or not np.isfinite(xy).all():
         raise TriangleError(
-            f"largest triangle: points of shape {xy.shape}, expected (n, 2) finite numbers with n at least 3; "
-            "match more points"
+            f"largest triangle: points of shape {xy.shape}, "
+            "expected (n, 2) finite numbers with n at least 3; match more points"
         )
     hull = convex_hull(xy)
     corners = xy[hull]

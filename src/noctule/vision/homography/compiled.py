@@ -1,4 +1,4 @@
-"""Numba with its types kept: a compiled function looks to the reader and the type checker like the Python one."""
+"""Numba with its types kept: to the reader and the type checker a compiled function is the Python one."""
 
 from __future__ import annotations
 

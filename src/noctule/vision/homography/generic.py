@@ -1,9 +1,9 @@
 """`generic`: Malis and Chaumette 2000, the homography of a virtual plane through three of the points.
 
-In the basis of the three points, m~ = M^-1 m with M = [p1 p2 p3], the homography of their plane is diagonal,
-D = diag(h_u, h_v, h_w), and the line m~_cur x (D m~_ref) of every other point passes through the epipole. So the
-determinant of any three such lines vanishes. It is a polynomial in D with seven monomials; many triples give a
-linear system for them, whose null vector holds the ratios of D.
+In the basis of the three points, m~ = M^-1 m with M = [p1 p2 p3], the homography of their plane is
+diagonal, D = diag(h_u, h_v, h_w), and the line m~_cur x (D m~_ref) of every other point passes through the
+epipole. So the determinant of any three such lines vanishes. It is a polynomial in D with seven monomials;
+many triples give a linear system for them, whose null vector holds the ratios of D.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def diagonal_ratios(x: Array) -> tuple[float, float]:
 def virtual_plane_homography(
     m_ref: Array, m_current: Array, triangle: NDArray[np.int64], seed: int
 ) -> Array | None:
-    """Return the homography (3, 3) of the plane through the triangle's points; None where no depths allow it."""
+    """Return the homography (3, 3) of the plane through the triangle; None where no depths allow it."""
     x, y = homogeneous(m_ref), homogeneous(m_current)
     M_ref, M_cur = x[triangle].T, y[triangle].T
     if min(abs(np.linalg.det(M_ref)), abs(np.linalg.det(M_cur))) < 1e-9:
@@ -107,7 +107,7 @@ def virtual_plane_homography(
 
 
 def epipolar_distance(H: Array, m_ref: Array, m_current: Array) -> Array:
-    """Return each point's Sampson distance (n,) from the epipolar geometry [e]x H with the epipole that fits best."""
+    """Return each point's Sampson distance (n,) from the epipolar geometry [e]x H, e the best epipole."""
     x, y = homogeneous(m_ref), homogeneous(m_current)
     lines = np.cross(y, x @ H.T)
     epipole = np.linalg.eigh(lines.T @ lines)[1][:, 0]
@@ -129,7 +129,7 @@ def estimate_generic(
     """Estimate the homography of the plane through the largest triangle of points of any scene.
 
     It fails on points of one plane, on pure rotation and on tiny baselines, where the lines above have no
-    length, and outliers spoil it. It detects these and falls back to `planar`; `method` and `note` then say so.
+    length, and outliers spoil it. It detects these and falls back to `planar`; `method` and `note` say so.
     The plane belongs to three of the points: when one of them is lost, the next estimate is of another plane.
 
     Raises

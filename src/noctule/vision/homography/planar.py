@@ -31,7 +31,7 @@ def hartley(m: Array) -> Array:
 
 
 def direct_linear_transform(m_ref: Array, m_current: Array) -> Array:
-    """Return H (3, 3) that minimises |A h| over all points, m_current x (H m_ref) = 0, in Hartley's coordinates."""
+    """Return H (3, 3) from m_current x (H m_ref) = 0, least squares in Hartley's coordinates."""
     T_ref, T_cur = hartley(m_ref), hartley(m_current)
     x = np.column_stack([m_ref, np.ones(len(m_ref))]) @ T_ref.T
     y = np.column_stack([m_current, np.ones(len(m_current))]) @ T_cur.T
@@ -40,12 +40,17 @@ def direct_linear_transform(m_ref: Array, m_current: Array) -> Array:
     A[0::2, 6:9] = y[:, 1:2] * x
     A[1::2, 0:3] = x
     A[1::2, 6:9] = -y[:, 0:1] * x
-    h = np.linalg.svd(A, full_matrices=True)[2][-1].reshape(3, 3)
-    return np.asarray(np.linalg.solve(T_cur, h @ T_ref))
+    _, singular, Vt = np.linalg.svd(A, full_matrices=True)
+    if not singular[7] > 1e-10 * singular[0]:
+        raise NoHomographyError(
+            f"homography 'planar': the {len(x)} points coincide or lie on one line, "
+            "expected points that are spread over a surface; match other features"
+        )
+    return np.asarray(np.linalg.solve(T_cur, Vt[8].reshape(3, 3) @ T_ref))
 
 
 def transfer_distance(H: Array, m_ref: Array, m_current: Array) -> Array:
-    """Return |pi(H m_ref) - m_current| per point, (n,); infinite for a point that H sends behind the camera."""
+    """Return |pi(H m_ref) - m_current| (n,); infinite for a point that H sends behind the camera."""
     x = np.column_stack([m_ref, np.ones(len(m_ref))]) @ H.T
     front = x[:, 2] > 1e-9
     z = np.where(front, x[:, 2], 1.0)
@@ -54,7 +59,7 @@ def transfer_distance(H: Array, m_ref: Array, m_current: Array) -> Array:
 
 
 def robust_inliers(m_ref: Array, m_current: Array, threshold: float) -> NDArray[np.bool_]:
-    """Return which points (n,) OpenCV's USAC (MAGSAC) keeps; its generator starts from a fixed state each time."""
+    """Return which points (n,) OpenCV's USAC (MAGSAC) keeps; it starts from a fixed seed each time."""
     if len(m_ref) == LEAST_POINTS:
         return np.ones(LEAST_POINTS, dtype=np.bool_)
     H, mask = cv2.findHomography(
@@ -88,12 +93,11 @@ def estimate_planar(
     level = DEFAULT_NOISE if noise is None else noise
     threshold = THRESHOLD * level
     inliers = robust_inliers(a, b, threshold)
+    note = ""
     if np.count_nonzero(inliers) < LEAST_POINTS:
-        raise NoHomographyError(
-            f"homography 'planar': no plane holds {LEAST_POINTS} of the {len(a)} points, "
-            "expected points that are spread over a surface; match other features"
-        )
+        inliers = np.ones(len(a), dtype=np.bool_)
+        note = "no plane holds enough of the points; least squares over all of them"
     H = scaled_homography(direct_linear_transform(a[inliers], b[inliers]), a[inliers], b[inliers])
     distance = transfer_distance(H, a, b)
     quality = float(np.mean(np.maximum(0.0, 1.0 - (distance / threshold) ** 2)))
-    return HomographyEstimate(H=H, method="planar", quality=quality, inliers=inliers, noise=level)
+    return HomographyEstimate(H=H, method="planar", quality=quality, inliers=inliers, note=note, noise=level)

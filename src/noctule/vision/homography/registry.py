@@ -75,6 +75,7 @@ def estimate_homography(
     estimator = METHODS.get(method)
     if estimator is None:
         raise UnknownMethodError(
-            f"homography: unknown method '{method}', expected one of {', '.join(sorted(METHODS))}; correct the name"
+            f"homography: unknown method '{method}', expected one of {', '.join(sorted(METHODS))}; "
+            "correct the name"
         )
     return estimator(m_ref, m_current, attitude_sd, start=start, noise=noise, seed=seed)

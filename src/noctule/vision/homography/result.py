@@ -11,7 +11,7 @@ from noctule.errors import NoctuleError
 from noctule.geometry import Array
 
 DEFAULT_NOISE = 1e-3
-"""Noise of a matched point, both images together, in normalised units: half a pixel at a focal length of 510 px."""
+"""Noise of a match, both images together, in normalised units: half a pixel at a focal length of 510 px."""
 
 
 class TooFewPointsError(NoctuleError):
@@ -42,8 +42,8 @@ class NoHomographyError(NoctuleError):
 class HomographyEstimate:
     """A homography from the reference to the current view, and how far to trust it.
 
-    Everything from `yaw` on belongs to `upright`; the other methods leave it at its default. The camera's axes
-    are RDF. R = R_z(roll) R_x(pitch) R_y(yaw), X_cur = R X_ref + t.
+    Everything from `yaw` on belongs to `upright`; the other methods leave it at its default. The axes of the
+    camera are RDF. R = R_z(roll) R_x(pitch) R_y(yaw), X_cur = R X_ref + t.
     """
 
     H: Array  # (3, 3), m_cur ~ H m_ref, median singular value 1, points in front
@@ -78,8 +78,8 @@ def checked_points(m_ref: ArrayLike, m_current: ArrayLike, method: str, n_least:
     b = np.ascontiguousarray(m_current, dtype=np.float64)
     if a.ndim != 2 or a.shape[1] != 2 or a.shape != b.shape:
         raise PointShapeError(
-            f"homography '{method}': m_ref has shape {a.shape} and m_current {b.shape}, expected (n, 2) twice; "
-            "pass matched points in rows"
+            f"homography '{method}': m_ref has shape {a.shape} and m_current {b.shape}, "
+            "expected (n, 2) twice; pass matched points in rows"
         )
     if len(a) < n_least:
         raise TooFewPointsError(
@@ -106,8 +106,8 @@ def checked_options(method: str, attitude_sd: float, noise: float | None) -> Non
     """
     if not 0.0 <= attitude_sd <= 0.5:
         raise EstimatorValueError(
-            f"homography '{method}': attitude_sd is {attitude_sd} rad, expected 0 (roll and pitch are exact) to 0.5; "
-            "give the standard deviation in radians"
+            f"homography '{method}': attitude_sd is {attitude_sd} rad, "
+            "expected 0 (roll and pitch are exact) to 0.5; give the standard deviation in radians"
         )
     if noise is not None and not 0.0 < noise < 0.1:
         raise EstimatorValueError(
@@ -117,7 +117,7 @@ def checked_options(method: str, attitude_sd: float, noise: float | None) -> Non
 
 
 def scaled_homography(H: Array, m_ref: Array, m_current: Array) -> Array:
-    """Scale H (3, 3) to a median singular value of 1 and the sign that puts the points in front of the camera.
+    """Scale H (3, 3) to a median singular value of 1 and the sign that puts the points in front.
 
     The sign is that of m_cur' H m_ref, positive for a point in front of both cameras; most points decide.
     """

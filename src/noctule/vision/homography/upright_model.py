@@ -117,9 +117,9 @@ def residual(
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Return (e_u, e_v, g_u, g_v, rho, u, v, 1/z) of point j, linearised at its best inverse depth.
 
-    With rho the best inverse depth, e = r + g (rho_model - rho) is the residual that the linear model predicts
-    at rho_model; its covariance is noise^2 I + spread^2 g g', and there e' C^-1 e equals the smallest value of
-    |r|^2 / noise^2 + (rho - rho_model)^2 / spread^2.
+    With rho the best inverse depth, e = r + g (rho_model - rho) is the residual that the linear model
+    predicts at rho_model; its covariance is C = noise^2 I + spread^2 g g', and e' C^-1 e is the least value
+    of |r|^2 / noise^2 + (rho - rho_model)^2 / spread^2.
     """
     x, y, m = views.m_ref[j, 0], views.m_ref[j, 1], views.m_cur[j]
     tx, ty, tz = parameters[TX], parameters[TY], parameters[TZ]

@@ -22,8 +22,8 @@ NORMAL_FACTOR = 1.634
 def estimate_noise(across: Array, noise: float, used: float, rounds: int) -> float:
     """Return the noise of residuals (n,) that hold outliers, by expectation maximisation from `noise`.
 
-    Inliers follow Cauchy's distribution (SIFT's errors have such tails), outliers a uniform one; `used` is the
-    number of residuals that the fit itself has used up.
+    Inliers follow Cauchy's distribution (SIFT's errors have such tails), outliers a uniform one; `used` is
+    the number of residuals that the fit itself has used up.
     """
     n = len(across)
     scale = noise / NORMAL_FACTOR

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on the `upright` model, with a Cholesky factorisation small enough to compile at once."""
+"""Levenberg-Marquardt on the `upright` model, with a Cholesky factorisation of its own."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COARSE = 0.1
 
 @compiled
 def cholesky(A: Array, n: int, damping: float, L: Array) -> bool:
-    """Factor A + damping diag(A) = L L' for the leading n x n block; False where it is not positive definite."""
+    """Factor A + damping diag(A) = L L' (leading n x n block); False where it is not positive definite."""
     for i in range(n):
         for j in range(i + 1):
             total = A[i, j]

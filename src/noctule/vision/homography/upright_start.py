@@ -85,7 +85,7 @@ def null_direction(rows: Array, d: Array) -> bool:
 
 @compiled
 def sampson_score(R: Array, d: Array, m_ref: Array, m_cur: Array, limit: float) -> float:
-    """Return the sum over points of min(squared Sampson distance / limit^2, 1) of the epipolar geometry (R, d)."""
+    """Return the sum over points of min(Sampson distance^2 / limit^2, 1) for rotation R, direction d."""
     E = np.empty((3, 3))
     for k in range(3):
         E[0, k] = d[1] * R[2, k] - d[2] * R[1, k]
@@ -109,7 +109,7 @@ def sampson_score(R: Array, d: Array, m_ref: Array, m_cur: Array, limit: float) 
 def sample_candidates(
     m_ref: Array, m_cur: Array, triples: NDArray[np.int64], tilts: Array, limit: float
 ) -> tuple[Array, Array]:
-    """Return candidates (k, 6) of (yaw, d, roll, pitch) and their scores (k,) from `triples` (n, 3), `tilts` (n, 2)."""
+    """Return candidates (k, 6), each (yaw, d, roll, pitch), of `triples` and `tilts`, and their scores."""
     found = np.empty((len(triples) * MAX_ROOTS, 6))
     scores = np.empty(len(triples) * MAX_ROOTS)
     count = 0
@@ -156,7 +156,7 @@ def sample_candidates(
 def distinct_best(
     found: Array, scores: Array, n_best: int, yaw_gap: float, cosine: float
 ) -> NDArray[np.int64]:
-    """Return the indices of the `n_best` best scores that differ in yaw by `yaw_gap` [rad] or in direction."""
+    """Return the indices of the `n_best` best scores that differ by `yaw_gap` [rad] or in direction."""
     order = np.argsort(scores)
     kept = np.empty(n_best, dtype=np.int64)
     count = 0
