@@ -231,7 +231,7 @@ def test_a_stabilised_camera_does_not_fly_the_path_of_one_that_is_not(folder):
 def test_a_camera_at_another_place_of_the_body_is_told(folder):
     behind = CameraMount(MOUNT.t_body_camera - [0.2, 0.0, 0.0], stabilised=False)
     assert wrong(folder, PathCameraError, mount=behind) == (
-        f"path {folder}: it was taken by a camera 0.20 m from where the mission's sits on the body, at most "
+        f"path {folder}: it was taken by a camera 0.20 m off the mission's on the body, at most "
         "0.05 m are allowed; mend the mission or teach the path again"
     )
     assert load_path(folder, CAMERA, mount=MOUNT).mount.stabilised is False

@@ -257,7 +257,7 @@ def check_mount(taken: CameraMount, flying: CameraMount, where: str) -> None:
     apart = float(np.linalg.norm(taken.t_body_camera - flying.t_body_camera))
     if apart > _MOUNT_TOLERANCE:
         raise PathCameraError(
-            f"{where}: it was taken by a camera {apart:.2f} m from where the mission's sits on the body, at most "
+            f"{where}: it was taken by a camera {apart:.2f} m off the mission's on the body, at most "
             f"{_MOUNT_TOLERANCE:g} m are allowed; mend the mission or teach the path again"
         )
 
