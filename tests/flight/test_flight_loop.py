@@ -16,6 +16,7 @@ from noctule.flight.fence import Fence
 from noctule.flight.flown import Aborted, Flown
 from noctule.flight.interrupt import interruptible
 from noctule.flight.loop import LoopSettings, fly
+from noctule.flight.orders import Orders
 from noctule.flight.reader import read_recording
 from noctule.flight.recording import FlightRecorder, RecordingError
 from noctule.flight.rig import take_off
@@ -36,10 +37,10 @@ DT = 1.0 / 30.0
 START = Pose(np.array([0.0, 0.0, 1.0]), 0.0)
 
 
-def fly_fake(world, pilot, recorder=None, matcher=no_match, bounds=None, **settings) -> Flown:
+def fly_fake(world, pilot, recorder=None, matcher=no_match, bounds=None, orders=None, **settings) -> Flown:
     chosen = LoopSettings(**{"time_limit_s": 5.0, "land_at_end": False, **settings})
     return fly(
-        world.rig, pilot, matcher, chosen, bounds or Bounds(), recorder, lambda elapsed, text: None, START
+        world.rig, pilot, matcher, chosen, bounds or Bounds(), recorder, lambda e, text: None, START, orders
     )
 
 
@@ -297,6 +298,46 @@ def test_in_a_thread_of_its_own_the_flight_leaves_signals_alone():
 def test_what_was_there_before_the_flight_is_collected_again_after_it():
     fly_fake(FakeWorld(), forward(), time_limit_s=0.2)
     assert gc.get_freeze_count() == 0
+
+
+def ordering(orders: Orders, at: dict[int, str]) -> ScriptedPilot:
+    """A pilot that flies ahead while a person gives orders at the given ticks."""
+
+    def answer(i: int, observation: Observation) -> Decision:
+        if i in at:
+            what, _, back = at[i].partition(" ")
+            event = getattr(orders, what)
+            event.clear() if back else event.set()
+        return Decision(Command(0.3), "flying")
+
+    return ScriptedPilot(answer)
+
+
+def test_an_emergency_order_cuts_the_motors_in_the_same_tick():
+    world, orders = FakeWorld(), Orders()
+    flown = fly_fake(world, ordering(orders, {30: "emergency"}), orders=orders)
+    assert world.vehicle.calls == ["emergency"]
+    assert (flown.outcome, len(world.vehicle.sent)) == (Outcome.ABORTED, 30)
+
+
+def test_an_order_to_land_brakes_first_and_says_why_the_flight_ended():
+    world, orders = FakeWorld(), Orders()
+    flown = fly_fake(world, ordering(orders, {30: "land"}), orders=orders)
+    assert flown.reason == "the supervisor ended the flight: landing was asked for"
+    assert world.vehicle.sent[30].forward == pytest.approx(0.3 - DT)
+    assert world.vehicle.flight_state == FlightState.LANDED
+
+
+def test_an_order_to_hover_holds_until_it_is_taken_back():
+    world, orders = FakeWorld(), Orders()
+    flown = fly_fake(
+        world, ordering(orders, {30: "hover", 60: "hover back"}), orders=orders, time_limit_s=4.0
+    )
+    speeds = [c.forward for c in world.vehicle.sent]
+    assert speeds[29] == 0.3
+    assert speeds[45] == speeds[59] == 0.0
+    assert speeds[90] == 0.3
+    assert flown.outcome == Outcome.STUCK
 
 
 def test_a_recording_holds_the_pilots_ticks_and_the_braking_after_them(tmp_path):

@@ -11,6 +11,7 @@ from noctule.flight.mission import (
     parse_mission,
 )
 from noctule.flight.mission_flight import FlightResult, fly_mission
+from noctule.flight.orders import Orders
 from noctule.flight.path_folder import load_path, load_truth, save_path
 from noctule.flight.reader import Recording, RecordingFileError, read_recording
 from noctule.flight.recording import FlightRecorder, RecordingError
@@ -26,6 +27,7 @@ __all__ = [
     "LoopSettings",
     "Mission",
     "MissionFileError",
+    "Orders",
     "Recording",
     "RecordingError",
     "RecordingFileError",

@@ -14,6 +14,7 @@ from noctule.devices.protocols import DeviceError, StaleFrameError
 from noctule.flight.fence import DeadReckoning
 from noctule.flight.flown import Aborted, Flown
 from noctule.flight.interrupt import interruptible
+from noctule.flight.orders import Orders
 from noctule.flight.progress import Show
 from noctule.flight.recording import FlightRecorder, RecordingError, sent_message
 from noctule.flight.rig import Rig, take_off
@@ -61,8 +62,9 @@ class _Loop:
         recorder: FlightRecorder | None,
         start: Pose,
         sent: list[Command],
+        orders: Orders,
     ) -> None:
-        self.sent = sent
+        self.sent, self.orders = sent, orders
         self.rig, self.settings, self.bounds = rig, settings, bounds
         self.worker, self.recorder = worker, recorder
         self.dt = 1.0 / settings.rate_hz
@@ -110,8 +112,9 @@ class _Loop:
             position=self.reckoning.position,
             yaw=self.reckoning.yaw,
             margin=self.reckoning.margin(self.bounds.fence),
-            hover_asked=hover,
-            land_asked=land,
+            emergency_asked=self.orders.emergency.is_set(),
+            hover_asked=hover or self.orders.hover.is_set(),
+            land_asked=land or self.orders.land.is_set(),
         )
         ruling = supervise(self.supervisor, inputs, self.previous, self.bounds)
         self.supervisor = ruling.state
@@ -217,6 +220,7 @@ def fly(
     recorder: FlightRecorder | None,
     show: Show,
     start: Pose,
+    orders: Orders | None = None,
 ) -> Flown:
     """Fly until the pilot, the judge, the supervisor or Ctrl-C ends it, then brake to hover (and land).
 
@@ -226,7 +230,7 @@ def fly(
     take_off(rig, settings.height, settings.rate_hz)
     flown = Flown()
     worker = MatchWorker(matcher, settings.match_delay_s)
-    loop = _Loop(rig, settings, bounds, worker, recorder, start, flown.samples.sent)
+    loop = _Loop(rig, settings, bounds, worker, recorder, start, flown.samples.sent, orders or Orders())
     with interruptible() as interrupted, _collected():
         try:
             loop.wait()
