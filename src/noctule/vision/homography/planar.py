@@ -59,15 +59,29 @@ def transfer_distance(H: Array, m_ref: Array, m_current: Array) -> Array:
 
 
 def robust_inliers(m_ref: Array, m_current: Array, threshold: float) -> NDArray[np.bool_]:
-    """Return which points (n,) OpenCV's USAC (MAGSAC) keeps; it starts from a fixed seed each time."""
+    """Return which points (n,) lie on the plane that OpenCV's USAC (MAGSAC) finds; it has a fixed seed.
+
+    The search runs in units in which the threshold is a few pixels, for which OpenCV's constants are made,
+    and one fit to all points within the threshold widens what it keeps.
+    """
     if len(m_ref) == LEAST_POINTS:
         return np.ones(LEAST_POINTS, dtype=np.bool_)
-    H, mask = cv2.findHomography(
-        m_ref, m_current, cv2.USAC_MAGSAC, threshold, None, MAX_ITERATIONS, CONFIDENCE
+    unit = THRESHOLD / threshold
+    H, _ = cv2.findHomography(
+        m_ref * unit, m_current * unit, cv2.USAC_MAGSAC, THRESHOLD, None, MAX_ITERATIONS, CONFIDENCE
     )
-    if H is None or mask is None:
+    if H is None:
         return np.zeros(len(m_ref), dtype=np.bool_)
-    return np.asarray(mask.ravel().astype(np.bool_))
+    back = np.diag([1.0 / unit, 1.0 / unit, 1.0])
+    G = scaled_homography(back @ H @ np.linalg.inv(back), m_ref, m_current)
+    inliers = transfer_distance(G, m_ref, m_current) < threshold
+    if np.count_nonzero(inliers) <= LEAST_POINTS:
+        return np.asarray(inliers)
+    try:
+        G = scaled_homography(direct_linear_transform(m_ref[inliers], m_current[inliers]), m_ref, m_current)
+    except NoHomographyError:
+        return np.asarray(inliers)
+    return np.asarray(transfer_distance(G, m_ref, m_current) < threshold)
 
 
 def estimate_planar(

@@ -27,8 +27,15 @@ SPREAD = 0.6
 """Standard deviation of inverse depths about the sloped plane; 0.5 to 0.7 measure alike in all scenes."""
 SLOPE_SD = 0.5
 N_FINISHED = 3
+
+MEDIAN_CHI2 = 1.39
+"""Median of chi-square with two degrees of freedom."""
+FAR_OFF = 9.0
+"""A start is far off where the residuals are three times what noise explains."""
 WARM_SHARE = 0.5
-"""A warm start that explains fewer of the points is dropped."""
+WARM_LOSS = 0.85
+"""A warm start is dropped that explains less than the first share of the points, or less than the second share
+of what the tick before explained."""
 
 
 def two_views(m_ref: Array, m_current: Array, attitude_sd: float, noise: float) -> TwoViews:
@@ -66,20 +73,36 @@ def solve_cold(
     )
 
 
+def held(parameters: Array, views: TwoViews) -> Array:
+    """Return a copy of the parameters (8,) with roll and pitch at zero where they are not free."""
+    parameters = parameters.copy()
+    parameters[views.n_free :] = 0.0
+    return parameters
+
+
+def approach(parameters: Array, views: TwoViews) -> None:
+    """Move `parameters` to the minimum nearby, first with a noise that explains how far off they are.
+
+    Far off, every point looks like an outlier, and each would explain itself by its own depth.
+    """
+    excess = float(np.median(describe(parameters, views)[0])) / MEDIAN_CHI2
+    if excess > FAR_OFF:
+        minimise(parameters, views._replace(noise=views.noise * (2.0 * excess) ** 0.5), False, 4, COARSE)
+    minimise(parameters, views, False, 8, COARSE)
+
+
 def follow(views: TwoViews, start: HomographyEstimate, fixed_noise: bool) -> tuple[TwoViews, list[Minimum]]:
     """Return the minima near `start` and its alternatives, in this order, and the views with their noise."""
     if not fixed_noise:
         views = views._replace(noise=start.noise)
-    parameters = start.parameters.copy()
-    if views.n_free < N_PARAMETERS:
-        parameters[ROLL] = parameters[PITCH] = 0.0
-    minimise(parameters, views, False, 8, COARSE)
+    parameters = held(start.parameters, views)
+    approach(parameters, views)
     if not fixed_noise:
         views = with_noise(views, parameters, 2)
     minima = [(minimise(parameters, views, True, 8, FINE), parameters)]
     for other in start.alternatives:
-        parameters = other.parameters.copy()
-        minimise(parameters, views, False, 8, COARSE)
+        parameters = held(other.parameters, views)
+        approach(parameters, views)
         minima.append((minimise(parameters, views, True, 8, FINE), parameters))
     return views, minima
 
@@ -105,8 +128,8 @@ def estimate_upright(
         Standard deviation [rad] of what is left of roll and pitch; 0 holds both at zero.
     start
         The estimate of the previous tick: the search starts there and in its alternatives, and only where
-        that explains fewer than half of the points does it start anew. Without it (a new key image) it
-        starts cold.
+        that explains too few of the points does it start anew, and then prefers, among answers that explain
+        them alike, the one near `start`. Without it (a new key image) it starts cold.
     noise
         Of a match, both images together, in normalised units; estimated from the points where it is None.
     seed
@@ -125,7 +148,8 @@ def estimate_upright(
         warm, minima = follow(views, start, noise is not None)
         minima = still_open(minima)
         followed = estimate_at(warm, minima[0])
-        if np.count_nonzero(followed.inliers) > WARM_SHARE * len(a):
+        least = max(WARM_SHARE, WARM_LOSS * float(start.inliers.mean()))
+        if float(followed.inliers.mean()) >= least:
             return with_alternatives(followed, warm, minima[1:])
         note = "the start explained too few points; started anew"
     views, minima = solve_cold(views, attitude_sd, noise is not None, seed)

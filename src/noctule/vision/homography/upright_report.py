@@ -45,8 +45,8 @@ def conclude(parameters: Array, views: TwoViews) -> tuple[Array, Array, float, f
     """Return chi2 per point (n,), the covariance of (yaw, t) (4, 4), the unit of t and t' covariance^-1 t.
 
     The mean inverse depth of the inliers may differ a little from the prior's 1; in units of it t is exact.
-    What the prior says about that mean, spread^2 / n times the share that `absorbed` gives the depths, is then no
-    longer an error of t and leaves its covariance.
+    What the prior says about that mean, spread^2 / n times the share that `absorbed` gives the depths, is
+    then no longer an error of t and leaves its covariance.
     """
     chi2, rho, _ = describe(parameters, views)
     t = parameters[TX : TZ + 1]
