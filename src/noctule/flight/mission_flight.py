@@ -85,7 +85,7 @@ def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
         land_at_end=mission.flight.land,
         height=mission.start.z,
     )
-    recording = out / "flight.mcap"
+    recording = set_aside(out / "flight.mcap")
     kept = mission.recording
     with (
         SimulatedWorld(
@@ -123,6 +123,16 @@ def warm_up(mission: Mission, path: VisualPath) -> None:
         picture = Picture(i * dt, path.images[0].pixels)
         decision = pilot.step(Observation(i * dt, replace(still, stamp=i * dt), picture, matches))
         matches = tuple(matcher(picture, r.key_index) for r in decision.requests)
+
+
+def set_aside(recording: Path) -> Path:
+    """Rename what an earlier flight left at `recording` to the next free -1, -2, ...; return `recording`."""
+    if recording.exists():
+        number = 1
+        while (kept := recording.with_stem(f"{recording.stem}-{number}")).exists():
+            number += 1
+        recording.rename(kept)
+    return recording
 
 
 def settled(mission: Mission, seed: int | None, law: Literal["published", "noctule"] | None) -> Mission:

@@ -29,7 +29,6 @@ FILES = {
     "grass": "grass.png",
     "gravel": "gravel.png",
     "hubble": "hubble_deep_field.jpg",
-    "moon": "moon.png",
     "retina": "retina.jpg",
     "rocket": "rocket.jpg",
 }
