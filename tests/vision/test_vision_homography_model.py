@@ -54,7 +54,7 @@ def test_the_rotation_derivatives_agree_with_finite_differences():
 def test_the_gradient_agrees_with_finite_differences_of_the_cost(redescending):
     # Away from the minimum, so that every weight, slope and prior takes part.
     views, pair = views_of(noise=0.005)
-    at = np.concatenate([[pair.yaw + 0.01], pair.t + [0.03, 0.02, -0.03], PARAMETERS[4:]])
+    at = np.array([pair.yaw + 0.01, *(pair.t + 0.03), *PARAMETERS[4:]])
 
     def cost(p):
         return normal_equations(p, views, redescending, True, np.zeros((8, 8)), np.zeros(8))

@@ -108,7 +108,8 @@ def estimate_planar(
     threshold = THRESHOLD * level
     inliers = robust_inliers(a, b, threshold)
     note = ""
-    if np.count_nonzero(inliers) < LEAST_POINTS:
+    # Any four points have a homography of their own.
+    if np.count_nonzero(inliers) <= LEAST_POINTS < len(a):
         inliers = np.ones(len(a), dtype=np.bool_)
         note = "no plane holds enough of the points; least squares over all of them"
     H = scaled_homography(direct_linear_transform(a[inliers], b[inliers]), a[inliers], b[inliers])

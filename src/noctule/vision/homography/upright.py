@@ -34,8 +34,8 @@ FAR_OFF = 9.0
 """A start is far off where the residuals are three times what noise explains."""
 WARM_SHARE = 0.5
 WARM_LOSS = 0.85
-"""A warm start is dropped that explains less than the first share of the points, or less than the second share
-of what the tick before explained."""
+"""A warm start is dropped that explains less than the first share of the points, or less than the second
+share of what the tick before explained."""
 
 
 def two_views(m_ref: Array, m_current: Array, attitude_sd: float, noise: float) -> TwoViews:

@@ -11,8 +11,8 @@ from noctule.vision.homography.compiled import compiled
 from noctule.vision.homography.upright_cost import normal_equations
 from noctule.vision.homography.upright_model import N_PARAMETERS, TwoViews
 
-FINE = 1e-3
-"""A step that gains less in cost moves by less than a thirtieth of a standard deviation."""
+FINE = 1e-2
+"""A step that gains less in cost moves by less than a tenth of a standard deviation."""
 COARSE = 0.1
 """Enough for a stage that another one follows."""
 
@@ -70,7 +70,7 @@ def inverse(A: Array, n: int) -> Array:
 def minimise(parameters: Array, views: TwoViews, redescending: bool, max_steps: int, enough: float) -> float:
     """Move `parameters` (8,) to the nearest minimum, at most `max_steps` steps; return the cost there.
 
-    It ends before a step that is predicted to gain less than `enough`.
+    It ends with a step that is predicted to gain less than `enough`; that one is taken unchecked.
     """
     A, A_trial = np.zeros((N_PARAMETERS, N_PARAMETERS)), np.zeros((N_PARAMETERS, N_PARAMETERS))
     b, b_trial = np.zeros(N_PARAMETERS), np.zeros(N_PARAMETERS)
@@ -89,7 +89,8 @@ def minimise(parameters: Array, views: TwoViews, redescending: bool, max_steps: 
             trial[k] = parameters[k] - step[k]
             gain += step[k] * b[k]
         if gain < enough:
-            break
+            parameters[:] = trial
+            return cost - gain
         trial_cost = normal_equations(trial, views, redescending, True, A_trial, b_trial)
         if trial_cost < cost:
             cost = trial_cost
