@@ -331,3 +331,15 @@ def test_edges_are_those_of_the_levelled_camera():
     expected = [-np.arctan(x) for x in CAMERA.normalise(level)[:, 0]]
     assert optics(False).edges((column,), roll, pitch)[0] == pytest.approx(expected)
     assert optics(True).edges((column,), roll, pitch)[0] != pytest.approx(expected, abs=1e-3)
+
+
+def test_a_method_that_cannot_tell_outliers_flies_on_all_points():
+    w = Watcher(path_of("astronaut"), method="generic")
+    w.begin(picture_of("astronaut", 20.0))
+    tracks = w.perception.tracks[0]
+    wrong = tracks.p_ref.copy()
+    wrong[:5] += [35.0, -25.0]
+    w.perception.tracks[0] = replace(tracks, p_ref=wrong)
+    for _ in range(8):
+        seen = w.show(picture_of("astronaut", 20.0))[0]
+    assert (off(seen, motion(right=20.0)) > 30.0).sum() == 5
