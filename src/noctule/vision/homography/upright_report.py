@@ -8,7 +8,7 @@ from noctule.geometry import Array, wrap_angle
 from noctule.vision.homography.compiled import compiled
 from noctule.vision.homography.result import HomographyEstimate, scaled_homography
 from noctule.vision.homography.upright_answers import Minimum
-from noctule.vision.homography.upright_cost import absorbed, describe, normal_equations
+from noctule.vision.homography.upright_cost import absorbed, describe, normal_equations, robust_loss
 from noctule.vision.homography.upright_model import (
     N_PARAMETERS,
     PITCH,
@@ -45,25 +45,27 @@ def conclude(parameters: Array, views: TwoViews) -> tuple[Array, Array, float, f
     """Return chi2 per point (n,), the covariance of (yaw, t) (4, 4), the unit of t and t' covariance^-1 t.
 
     The mean inverse depth of the inliers may differ a little from the prior's 1; in units of it t is exact.
-    What the prior says about that mean, spread^2 / n times the share that `absorbed` gives the depths, is
-    then no longer an error of t and leaves its covariance.
+    The variance of the size of t, spread^2 / sum w k with k = `absorbed`, comes to the share mean(k) from
+    what the prior says of that mean: this is then no longer an error of t and leaves its covariance.
     """
     chi2, rho, _ = describe(parameters, views)
     t = parameters[TX : TZ + 1]
-    total, share, count = 0.0, 0.0, 0
+    total, share, weighed, count = 0.0, 0.0, 0.0, 0
     for j in range(len(chi2)):
         if chi2[j] < INLIER_CHI2:
             u, v = views.m_cur[j, 0], views.m_cur[j, 1]
             total += rho[j]
-            share += absorbed(t[0], t[1], t[2], u, v, views.noise, views.spread)[0]
+            part = absorbed(t[0], t[1], t[2], u, v, views.noise, views.spread)[0]
+            share += part
+            weighed += part * robust_loss(chi2[j], True)[1]
             count += 1
     A = np.zeros((N_PARAMETERS, N_PARAMETERS))
     normal_equations(parameters, views, True, False, A, np.zeros(N_PARAMETERS))
     covariance = inverse(A, views.n_free)[:4, :4].copy()
-    size = total / count if count > 0 else 1.0
+    size = total / count if total > 0.0 else 1.0
     if count > 0:
-        known = views.spread**2 * share / count / count
-        known = min(known, 0.9 / max(chi2_of(covariance, t), 1e-12))
+        known = views.spread**2 * share / count / max(weighed, 1e-12)
+        known = min(known, 0.98 / max(chi2_of(covariance, t), 1e-12))
         for k in range(3):
             for i in range(3):
                 covariance[k + 1, i + 1] -= known * t[k] * t[i]
