@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
 
 import cv2
 import numpy as np
@@ -13,27 +16,29 @@ from noctule.devices.protocols import DeviceError, StaleFrameError
 from noctule.geometry import Pose
 from noctule.messages import Picture
 from noctule.simulation.aircraft import Aircraft
+from noctule.simulation.darkroom import Darkroom, Pixels
 from noctule.simulation.dynamics import STEPS_PER_SECOND
 from noctule.simulation.spec import CameraSpec
 
 NOISE_BANK = 1 << 22  # values; each picture takes a run of it at a place of its own
 SLACK = 1e-9  # [s], stamps are multiples of 1/300 s
 
-Draw = Callable[[Pose], NDArray[np.uint8]]
+READER_GONE = 0.2  # [s]: when no picture was read for this long, none is begun before it is asked for
 
 
 class Shutter:
-    """Notes the pose at every exposure and draws the picture when it is asked for.
+    """Notes the pose at every exposure and has the picture drawn.
 
-    A picture that nobody reads costs nothing; one that is read shows the moment of its exposure.
+    While pictures are being read each is begun at its exposure, so that it is ready at its delivery; nobody
+    reading, nothing is drawn. Either way a picture shows the moment of its exposure.
     """
 
     def __init__(
-        self, spec: CameraSpec, aircraft: Aircraft, draw: Draw, seed: np.random.SeedSequence
+        self, spec: CameraSpec, aircraft: Aircraft, darkroom: Darkroom, seed: np.random.SeedSequence
     ) -> None:
         self._spec = spec
         self._aircraft = aircraft
-        self._draw = draw
+        self._darkroom = darkroom
         self._noise = PixelNoise(spec.noise, seed)
         self._count = 0
         self._due = 0  # step of the next exposure
@@ -41,12 +46,16 @@ class Shutter:
         self._waiting: list[tuple[int, int, Pose]] = []  # (number, step of exposure, pose)
         self._newest: tuple[int, int, Pose] | None = None
         self._drawn: tuple[int, Picture] | None = None
+        self._begun: dict[int, Future[Pixels]] = {}
+        self._last_read = -math.inf  # [s]
 
     def step(self) -> None:
         """Expose when it is time; call it at every step, the first one at time 0."""
         step = self._aircraft.steps
         if step >= self._due:
             self._waiting.append((self._count, step, self._aircraft.pose))
+            if self._aircraft.now - self._last_read < READER_GONE:
+                self._begin(self._count, self._aircraft.pose)
             self._count += 1
             self._due = round(self._count * STEPS_PER_SECOND / self._spec.rate)
         while self._waiting and self._waiting[0][1] + self._latency <= step:
@@ -61,11 +70,18 @@ class Shutter:
         """Return the newest delivered picture; call it only where there is one."""
         assert self._newest is not None
         number, step, pose = self._newest
+        self._last_read = self._aircraft.now
         if self._drawn is None or self._drawn[0] != number:
-            pixels = self._noise.add(self._draw(pose), number)
+            pixels = self._begin(number, pose).result()
             pixels.setflags(write=False)
+            self._begun = {n: future for n, future in self._begun.items() if n > number}
             self._drawn = (number, Picture(step / STEPS_PER_SECOND, pixels))
         return self._drawn[1]
+
+    def _begin(self, number: int, pose: Pose) -> Future[Pixels]:
+        if number not in self._begun:
+            self._begun[number] = self._darkroom.begin(pose, partial(self._noise.add, number=number))
+        return self._begun[number]
 
 
 class PixelNoise:

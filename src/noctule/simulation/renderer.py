@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from noctule.camera import PinholeCamera
+from noctule.camera import CameraMount, PinholeCamera
 from noctule.geometry import R_BODY_CAMERA, Array, Pose
 from noctule.simulation.engine import OpenGLError, mujoco
 
@@ -17,7 +17,10 @@ class Renderer:
     pixel, so the frustum of a centred camera is symmetric.
     """
 
-    def __init__(self, model: mujoco.MjModel, camera: PinholeCamera) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, camera: PinholeCamera, mount: CameraMount | None = None
+    ) -> None:
+        self._mount = CameraMount() if mount is None else mount
         model.vis.global_.offwidth = camera.width
         model.vis.global_.offheight = camera.height
         try:
@@ -44,6 +47,10 @@ class Renderer:
             eye.forward = R_world_camera[:, 2]
             eye.up = -R_world_camera[:, 1]
         return np.asarray(self._renderer.render(), dtype=np.uint8)
+
+    def draw_from(self, body: Pose) -> NDArray[np.uint8]:
+        """Return the picture (height, width, 3) RGB of the camera on a body at this pose."""
+        return self.draw(*camera_pose(body, self._mount.t_body_camera, self._mount.stabilised))
 
     def close(self) -> None:
         """Free the OpenGL context; idempotent."""

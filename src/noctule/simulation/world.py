@@ -7,16 +7,16 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noctule.geometry import Pose
 from noctule.messages import Picture, Truth
 from noctule.simulation.aircraft import Aircraft
 from noctule.simulation.camera import PixelNoise, Shutter, SimulatedCamera
 from noctule.simulation.clearance import Clearance
+from noctule.simulation.darkroom import Darkroom, Eye
 from noctule.simulation.dynamics import STEPS_PER_SECOND
 from noctule.simulation.layout import draw_layout
-from noctule.simulation.renderer import Renderer, camera_pose
+from noctule.simulation.renderer import Renderer
 from noctule.simulation.scene import build_scene
 from noctule.simulation.spec import CameraSpec, RoomSpec, VehicleSpec, WorldSpec
 from noctule.simulation.vehicle import SimulatedVehicle
@@ -79,8 +79,8 @@ class SimulatedWorld:
         self._layout = draw_layout(room)
         self._aircraft = Aircraft(vehicle, start, start_flying, (gusts, reports))
         self._clearance = Clearance(self._layout, vehicle)
-        self._renderer: Renderer | None = None
-        self._shutter = Shutter(camera, self._aircraft, self._draw, pixels)
+        self._darkroom = Darkroom(self._make_eye)
+        self._shutter = Shutter(camera, self._aircraft, self._darkroom, pixels)
         self._shutter.step()
         self._photo_noise = PixelNoise(camera.noise, photographs)
         self._photos = 0
@@ -97,7 +97,7 @@ class SimulatedWorld:
 
     def photograph(self, pose: Pose, *, noisy: bool = False) -> Picture:
         """Return what the vehicle's camera would see from `pose`, stamped with the present."""
-        pixels = self._draw(pose)
+        pixels = self._darkroom.draw(pose)
         if noisy:
             pixels = self._photo_noise.add(pixels, self._photos)
             self._photos += 1
@@ -109,9 +109,7 @@ class SimulatedWorld:
 
     def close(self) -> None:
         """Free the renderer; idempotent."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._darkroom.close()
 
     def __enter__(self) -> Self:
         """Return the world."""
@@ -123,9 +121,5 @@ class SimulatedWorld:
         """Close."""
         self.close()
 
-    def _draw(self, pose: Pose) -> NDArray[np.uint8]:
-        spec = self._camera_spec
-        if self._renderer is None:
-            self._renderer = Renderer(build_scene(self._layout), spec.intrinsics)
-        mount = spec.mount
-        return self._renderer.draw(*camera_pose(pose, mount.t_body_camera, mount.stabilised))
+    def _make_eye(self) -> Eye:
+        return Renderer(build_scene(self._layout), self._camera_spec.intrinsics, self._camera_spec.mount)
