@@ -210,7 +210,9 @@ def test_visibility_begins_when_a_point_leaves_the_safety_box_and_fades_when_it_
 def test_visibility_turns_the_camera_toward_points_that_are_leaving(side):
     # The estimate says that there is nothing to fly, so whatever moves is visibility.
     view = view_of(0, POINTS, HOME, HOME, pose_at(0.0), "upright")
-    p = np.clip(view.p_ref + [200.0 * side, 0.0], [2.0, 2.0], [CAMERA.width - 3.0, CAMERA.height - 3.0])
+    p = np.clip(
+        view.p_ref + np.array([200.0 * side, 0.0]), [2.0, 2.0], [CAMERA.width - 3.0, CAMERA.height - 3.0]
+    )
     law, command = law_of(), np.zeros(4)
     for n in range(15):
         seen = {0: replace(view, pose=pose_at(n * DT), p_current=p)}
