@@ -220,3 +220,18 @@ def with_parameters(estimate, parameters):
     from dataclasses import replace
 
     return replace(estimate, parameters=np.asarray(parameters), alternatives=())
+
+
+def test_a_flight_of_warm_starts_with_a_jittering_attitude_stays_on_the_right_answer():
+    rng = np.random.default_rng(9)
+    m = rng.uniform(-0.5, 0.5, (60, 2))
+    X = np.column_stack([m, np.ones(60)]) * rng.uniform(2.0, 5.0, (60, 1))
+    v = np.array([0.4, -0.2, 0.8])
+    m_ref, r, wrong = m + rng.normal(0, 6e-4, m.shape), None, 0
+    for left in np.linspace(1.0, 0.2, 50):
+        roll, pitch = rng.normal(0, DEGREE, 2)
+        Y = X @ (rot_z(roll) @ rot_x(pitch) @ rot_y(0.15 * left)).T + left * v
+        m_cur = Y[:, :2] / Y[:, 2:] + rng.normal(0, 6e-4, m.shape)
+        r = estimate_homography(m_ref, m_cur, "upright", DEGREE, start=r)
+        wrong += angle_deg(r.t, v) > 5.0
+    assert wrong == 0

@@ -32,10 +32,15 @@ MEDIAN_CHI2 = 1.39
 """Median of chi-square with two degrees of freedom."""
 FAR_OFF = 9.0
 """A start is far off where the residuals are three times what noise explains."""
+CHECK_DRAWS = 60
+CHECK_STARTS = 3
+"""With a free attitude a warm start alone slides into a second minimum: each tick tries fresh starts."""
 WARM_SHARE = 0.5
 WARM_LOSS = 0.85
+WARM_NOISE = 1.25
+WARM_COST = 1.3
 """A warm start is dropped that explains less than the first share of the points, or less than the second
-share of what the tick before explained."""
+share of what the tick before explained, or at more than these multiples of its noise or cost."""
 
 
 def two_views(m_ref: Array, m_current: Array, attitude_sd: float, noise: float) -> TwoViews:
@@ -76,7 +81,7 @@ def solve_cold(
 def held(parameters: Array, views: TwoViews) -> Array:
     """Return a copy of the parameters (8,) with roll and pitch at zero where they are not free."""
     parameters = parameters.copy()
-    parameters[views.n_free :] = 0.0
+    parameters[ROLL] = parameters[PITCH] = 0.0
     return parameters
 
 
@@ -91,7 +96,9 @@ def approach(parameters: Array, views: TwoViews) -> None:
     minimise(parameters, views, False, 8, COARSE)
 
 
-def follow(views: TwoViews, start: HomographyEstimate, fixed_noise: bool) -> tuple[TwoViews, list[Minimum]]:
+def follow(
+    views: TwoViews, start: HomographyEstimate, attitude_sd: float, fixed_noise: bool, seed: int
+) -> tuple[TwoViews, list[Minimum]]:
     """Return the minima near `start` and its alternatives, in this order, and the views with their noise."""
     if not fixed_noise:
         views = views._replace(noise=start.noise)
@@ -100,8 +107,10 @@ def follow(views: TwoViews, start: HomographyEstimate, fixed_noise: bool) -> tup
     if not fixed_noise:
         views = with_noise(views, parameters, 2)
     minima = [(minimise(parameters, views, True, 8, FINE), parameters)]
-    for other in start.alternatives:
-        parameters = held(other.parameters, views)
+    others = [held(other.parameters, views) for other in start.alternatives]
+    if attitude_sd > 0.0:
+        others += cold_starts(views, attitude_sd, seed, CHECK_DRAWS, CHECK_STARTS)[:CHECK_STARTS]
+    for parameters in others:
         approach(parameters, views)
         minima.append((minimise(parameters, views, True, 8, FINE), parameters))
     return views, minima
@@ -145,11 +154,12 @@ def estimate_upright(
     views = two_views(a, b, attitude_sd, DEFAULT_NOISE if noise is None else noise)
     note = ""
     if start is not None and start.method == "upright":
-        warm, minima = follow(views, start, noise is not None)
+        warm, minima = follow(views, start, attitude_sd, noise is not None, seed)
         minima = still_open(minima)
         followed = estimate_at(warm, minima[0])
         least = max(WARM_SHARE, WARM_LOSS * float(start.inliers.mean()))
-        if float(followed.inliers.mean()) >= least:
+        worse = followed.noise > WARM_NOISE * start.noise or followed.cost > WARM_COST * start.cost
+        if float(followed.inliers.mean()) >= least and not worse:
             return with_alternatives(followed, warm, minima[1:])
         note = "the start explained too few points; started anew"
     views, minima = solve_cold(views, attitude_sd, noise is not None, seed)

@@ -40,7 +40,7 @@ def still_open(minima: list[Minimum]) -> list[Minimum]:
     others = [
         minimum for minimum in minima if minimum is not first and minimum[0] < best[0] + ALTERNATIVE_COST
     ]
-    return [first, *(other for other in others if len(distinct([first, other])) == 2)]
+    return [first, *(other for other in distinct(others) if len(distinct([first, other])) == 2)]
 
 
 def nearest_first(minima: list[Minimum], start: HomographyEstimate | None) -> list[Minimum]:

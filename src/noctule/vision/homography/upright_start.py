@@ -217,18 +217,20 @@ def sized_start(candidate: Array, m_ref: Array, m_cur: Array, limit: float, out:
     out[TX], out[TY], out[TZ] = size * dx, size * dy, size * dz
 
 
-def cold_starts(views: TwoViews, attitude_sd: float, seed: int) -> list[Array]:
+def cold_starts(
+    views: TwoViews, attitude_sd: float, seed: int, n_draws: int = N_DRAWS, n_best: int = N_REFINED
+) -> list[Array]:
     """Return parameters (8,) to start from: the best distinct ones of RANSAC, and the view that only turned.
 
     Roll and pitch of each draw come from their prior. The generator is made afresh from `seed` at each call.
     """
     rng = np.random.default_rng(seed)
-    triples = rng.random((N_DRAWS, len(views.m_ref))).argpartition(3, axis=1)[:, :3]
-    tilts = rng.normal(0.0, 1.0, (N_DRAWS, 2)) * attitude_sd
+    triples = rng.random((n_draws, len(views.m_ref))).argpartition(3, axis=1)[:, :3]
+    tilts = rng.normal(0.0, 1.0, (n_draws, 2)) * attitude_sd
     limit = SAMPSON_LIMIT * views.noise
     found, scores = sample_candidates(views.m_ref, views.m_cur, triples, tilts, limit)
     starts = []
-    for index in distinct_best(found, scores, N_REFINED, DISTINCT_YAW, DISTINCT_COSINE):
+    for index in distinct_best(found, scores, n_best, DISTINCT_YAW, DISTINCT_COSINE):
         start = np.zeros(N_PARAMETERS)
         sized_start(found[index], views.m_ref, views.m_cur, limit, start)
         starts.append(start)
