@@ -43,9 +43,7 @@ def depths(kind, m, rng):
     raise ValueError(kind)
 
 
-def make_pair(
-    kind, n, rng, *, baseline, yaw_max=0.28, noise_px=0.3, attitude=0.0, outliers=0.0
-):
+def make_pair(kind, n, rng, *, baseline, yaw_max=0.28, noise_px=0.3, attitude=0.0, outliers=0.0):
     """Draw a pair of views; `noise_px` is put on both images, t has the length `baseline` [m]."""
     half = np.array([WIDTH, HEIGHT]) / 2 / FOCAL
     for _ in range(200):
