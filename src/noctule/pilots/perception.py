@@ -7,6 +7,7 @@ the next image is there before it is needed: no tick ever waits.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from noctule.pilots.tracks import TrackSet, empty_tracks
 from noctule.pilots.visual_path import VisualPath
 from noctule.vision.features import detect
 from noctule.vision.homography import HomographyEstimate, NoHomographyError, estimate_homography
-from noctule.vision.matching import match_robust
+from noctule.vision.matching import match_robust, spread
 from noctule.vision.tracking import Pyramid, align, track
 
 _RETRY = 0.3  # [s] between requests for an image that is missing
@@ -71,10 +72,13 @@ class Perception:
         """Exposure of the newest picture [s]."""
         return self._stamp
 
-    def step(self, observation: Observation, odometry: Odometry, wanted: set[int]) -> dict[int, View]:
+    def step(
+        self, observation: Observation, odometry: Odometry, wanted: Mapping[int, int]
+    ) -> dict[int, View]:
         """Take an observation; return the views of the newest picture by index.
 
-        `wanted` are the key images worth following; tracks of others are dropped.
+        `wanted` are the key images worth following, each with the number of points that it may have; tracks
+        of others are dropped.
         """
         picture = observation.picture
         if picture is None:
@@ -106,7 +110,12 @@ class Perception:
             first += len(tracks)
 
     def _take(
-        self, result: MatchResult, pyramid: Pyramid, odometry: Odometry, pose: OdometryPose, wanted: set[int]
+        self,
+        result: MatchResult,
+        pyramid: Pyramid,
+        odometry: Odometry,
+        pose: OdometryPose,
+        wanted: Mapping[int, int],
     ) -> None:
         """Carry a match in an older picture to the newest one and join it to the tracks."""
         then = self._pending.pop((result.stamp, result.key_index), None)
@@ -116,11 +125,14 @@ class Perception:
         box = safety_box(self.path.camera.width, self.path.camera.height)
         inside = box.contains(result.p_ref)
         p_ref, p_then = result.p_ref[inside], result.p_current[inside]
+        # Only as many as will be kept: carrying hundreds of points over would stall the tick.
+        camera, most = self.path.camera, wanted[result.key_index]
+        chosen = spread(p_then, camera.width, camera.height, most)
+        p_ref, p_then = p_ref[chosen], p_then[chosen]
         guess = self._turned(p_then, odometry.at(result.stamp), pose)
         p, ok = track(then, pyramid, p_then, guess)
         tracks = self.tracks.get(result.key_index, empty_tracks(result.key_index))
-        shape = (self.path.camera.height, self.path.camera.width)
-        most = self.settings.max_points
+        shape = (camera.height, camera.width)
         self.tracks[result.key_index] = tracks.joined(p_ref[ok], p[ok], result.stamp, shape, most)
 
     def _turned(self, p: Array, then: OdometryPose, now: OdometryPose) -> Array:

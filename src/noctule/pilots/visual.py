@@ -76,7 +76,10 @@ class VisualPilot:
         attitude = (state.roll or 0.0, state.pitch or 0.0)
         pose = self.odometry.step(observation.stamp, self._command, state.v_body, state.yaw, attitude)
         target = self.law.target
-        views = self.perception.step(observation, self.odometry, {target - 1, target, target + 1})
+        most = self.settings.max_points
+        # The next image is only to be known in time; once it is the target it gets its full share.
+        wanted = {target: most, target + 1: max(most // 2, self.settings.min_points)}
+        views = self.perception.step(observation, self.odometry, wanted)
         columns = None
         if observation.picture is not None and self.settings.column_hue_deg is not None:
             colour = ColumnColour(hue=self.settings.column_hue_deg)
