@@ -27,6 +27,7 @@ from noctule.vision.homography import HomographyEstimate, NoHomographyError, est
 from noctule.vision.matching import match_robust, spread
 from noctule.vision.tracking import Pyramid, align, track
 
+_LATE = 2.0  # [s] after which a match is not waited for any more
 _RETRY = 0.3  # [s] between requests for an image that is missing
 _ALIGN_EVERY = 4  # ticks
 _ALIGN_WITHIN = (
@@ -203,6 +204,8 @@ class Perception:
 
     def requests(self, now: float, current: int, following: int | None, lost: bool) -> list[MatchRequest]:
         """Return what the worker should match next; call after `step`, at most one is under way at a time."""
+        # An answer that never comes must not keep the pilot from asking again.
+        self._pending = {key: then for key, then in self._pending.items() if now - key[0] < _LATE}
         if self._pyramid is None or self._pending:
             return []
         for index in self._candidates(now, current, following, lost):
