@@ -30,6 +30,7 @@ class Renderer:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         self._renderer.update_scene(data)
+        self._sample_nearest_mipmap()
         for flag in ("HAZE", "SHADOW", "SKYBOX", "REFLECTION"):
             self._renderer.scene.flags[int(getattr(mujoco.mjtRndFlag, f"mjRND_{flag}"))] = 0
         near = model.vis.map.znear * model.stat.extent
@@ -39,6 +40,16 @@ class Renderer:
             eye.frustum_width = near * camera.width / 2.0 / camera.fx
             eye.frustum_top = near * (camera.cy + 0.5) / camera.fy
             eye.frustum_bottom = near * (camera.cy + 0.5 - camera.height) / camera.fy
+
+    def _sample_nearest_mipmap(self) -> None:
+        """Blend four texels for a pixel, not the eight of two mipmap levels: a third of the drawing time."""
+        from OpenGL import GL  # needs a platform, which is chosen by MUJOCO_GL
+
+        context = self._renderer._mjr_context
+        for texture in context.texture[: context.ntexture]:
+            GL.glBindTexture(GL.GL_TEXTURE_2D, int(texture))
+            GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_NEAREST)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
 
     def draw(self, R_world_camera: Array, t_world_camera: Array) -> NDArray[np.uint8]:
         """Return the picture (height, width, 3) RGB seen by a camera (RDF) with this pose."""
