@@ -50,15 +50,16 @@ class Watcher:
     def now(self):
         return self.tick * DT
 
-    def show(self, pixels, *matches, wanted=(0, 1), roll=0.0, pitch=0.0, yaw=None):
-        """Return the views of a tick; `pixels` None: no new picture came."""
+    def show(self, pixels, *matches, wanted=(0, 1), share=None, roll=0.0, pitch=0.0, yaw=None):
+        """Return the views of a tick; `pixels` None: no new picture came. `share` points for each image."""
         self.tick += 1
         self.odometry.step(self.now, np.zeros(4), None, yaw, (roll, pitch))
         picture = None if pixels is None else Picture(self.now, pixels)
         if picture is not None:
             self.shown[picture.stamp] = picture
         observation = Observation(self.now, state_at(self.now, roll, pitch, yaw), picture, matches)
-        return self.perception.step(observation, self.odometry, set(wanted))
+        most = share or self.settings.max_points
+        return self.perception.step(observation, self.odometry, dict.fromkeys(wanted, most))
 
     def ask(self, current=0, following=None, lost=False):
         return [r.key_index for r in self.perception.requests(self.now, current, following, lost)]

@@ -80,6 +80,16 @@ def test_no_more_points_are_followed_than_the_settings_say():
     assert len(w.perception.tracks[0]) == 30
 
 
+def test_an_image_gets_no_more_points_than_its_share_and_they_are_spread():
+    w = Watcher(path_of("astronaut"))
+    w.show(picture_of("astronaut"))
+    w.ask()
+    w.show(picture_of("astronaut"), w.match(), share=20)
+    p = w.perception.tracks[0].p
+    assert 16 <= len(p) <= 20
+    assert (np.ptp(p, axis=0) > [0.5 * WIDTH, 0.5 * HEIGHT]).all()
+
+
 def test_key_images_that_are_no_longer_wanted_are_dropped():
     w = Watcher(path_of("astronaut", "coffee"))
     w.begin(picture_of("astronaut"))
@@ -161,7 +171,17 @@ def test_at_most_one_request_is_under_way():
     assert len(w.ask(0, 1)) == 1
 
 
-def test_an_answer_in_a_tick_without_a_picture_counts_too():
+def test_an_answer_that_never_comes_does_not_keep_it_from_asking_again():
+    w = Watcher(path_of("astronaut"))
+    w.show(picture_of("astronaut"))
+    assert w.ask() == [0]
+    w.tick += round(1.9 / DT)
+    assert w.ask() == []
+    w.tick += round(0.2 / DT)
+    assert w.ask() == [0]
+
+
+def test_an_answer_in_a_tick_without_a_picture_makes_way_for_the_next_request():
     w = Watcher(path_of("astronaut"))
     w.show(picture_of("astronaut"))
     w.ask()

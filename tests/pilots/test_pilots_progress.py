@@ -224,3 +224,22 @@ def test_passing_through_the_place_is_no_arrival():
     law.sight(sighting(0, [0.0, 0.0, 0.0], moving))
     law.step(moving, np.zeros(4), DT)
     assert not law.arrived
+
+
+def test_a_curve_is_flown_along_its_images_past_a_column():
+    targets = ((1.0, 0.0, 1.0, 0.0), (1.8, 0.5, 1.0, 0.8), (1.9, 1.4, 1.0, 1.57))
+    for seed in SEEDS:
+        flown = fly(targets, ((1.4, 0.1, 0.03),), seed=seed)
+        assert flown.outcome == "reached"
+        assert flown.error <= 0.03
+        assert flown.yaw_error <= 0.5
+        assert flown.clearance >= 0.10
+        check_limits(flown)
+
+
+def test_pictures_in_which_the_target_is_missing_for_a_moment_do_no_harm():
+    flown = fly(*scenario("5.1", 2), seed=2, tamper=lambda t, s: None if t % 3.0 > 2.6 else s)
+    assert flown.outcome == "reached"
+    assert flown.error <= 0.03
+    assert flown.clearance >= 0.10
+    check_limits(flown)

@@ -225,12 +225,15 @@ def test_the_next_image_is_asked_for_when_the_law_wants_it_and_there_is_one():
     assert f.perception.asked == [(0, 1, False), (1, None, False)]
 
 
-def test_the_image_and_its_neighbours_are_followed():
-    f = Flight()
+def test_the_image_and_the_next_one_are_followed_and_the_next_one_gets_a_smaller_share():
+    f = Flight(max_points=80)
     f.law.target = 4
     f.perception.names = tuple("abcdefgh")
     f.tick()
-    assert f.perception.wanted == [{3, 4, 5}]
+    (wanted,) = f.perception.wanted
+    assert set(wanted) == {4, 5}
+    assert wanted[4] == 80
+    assert f.pilot.settings.min_points <= wanted[5] < 80
 
 
 def view(epsilon=3.5):
