@@ -177,14 +177,12 @@ def test_an_edge_out_of_the_picture_begins_no_column_but_keeps_a_known_one():
 
 
 def test_a_column_is_forgotten_once_it_is_passed():
-    d = detour((0.3, 0.5, 0.03))
-    for _ in range(100):
-        d.move(np.array([0.45 * DT, 0.0]), 0.0, DT)
+    d, step = detour((0.3, 0.5, 0.03)), 0.45 * DT
+    for i in range(1, 101):
+        d.move(np.array([step, 0.0]), 0.0, DT)
         if not d.columns:
             break
-        behind = 0.3 - 0.45 * DT * (_ + 1)
-        assert behind > -(BODY + SETTINGS.margin) - 0.02
-    assert behind == pytest.approx(-(BODY + SETTINGS.margin), abs=0.05)
+    assert 0.3 - i * step == pytest.approx(-(BODY + SETTINGS.margin), abs=2.0 * step)
 
 
 def test_a_column_out_of_sight_is_forgotten_after_a_while():
