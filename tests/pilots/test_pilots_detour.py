@@ -177,12 +177,11 @@ def test_an_edge_out_of_the_picture_begins_no_column_but_keeps_a_known_one():
 
 
 def test_a_column_is_forgotten_once_it_is_passed():
-    d, step = detour((0.3, 0.5, 0.03)), 0.45 * DT
-    for i in range(1, 101):
+    d, step, x = detour((0.3, 0.5, 0.03)), 0.45 * DT, 0.3
+    while d.columns and x > -1.0:
         d.move(np.array([step, 0.0]), 0.0, DT)
-        if not d.columns:
-            break
-    assert 0.3 - i * step == pytest.approx(-(BODY + SETTINGS.margin), abs=2.0 * step)
+        x -= step
+    assert x == pytest.approx(-(BODY + SETTINGS.margin), abs=2.0 * step)
 
 
 def test_a_column_out_of_sight_is_forgotten_after_a_while():
