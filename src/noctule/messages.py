@@ -145,9 +145,7 @@ class Diagnostics:
     target_index: int = 0
     epsilon_px: float = float("nan")  # mean distance (7) [px]
     error: Array = field(default_factory=lambda: np.full(6, np.nan))  # (6,) servoing error (e_v, e_w)
-    translation: Array = field(
-        default_factory=lambda: np.full(3, np.nan)
-    )  # (3,) t [mean depths]
+    translation: Array = field(default_factory=lambda: np.full(3, np.nan))  # (3,) t [mean depths]
     yaw_error: float = float("nan")  # [rad], estimated yaw of the current image against the target's
     activations: dict[str, float] = field(default_factory=dict)  # task name -> h in [0, 1]
     points_current: Array = field(default_factory=_no_points)  # (n, 2) [px]

@@ -6,6 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from noctule.estimation.column import ColumnEstimate
+from noctule.geometry import wrap_angle
 from noctule.pilots.detour import Detour, TrackedColumn, bearing_of, merge_blocked
 from noctule.pilots.settings import DetourSettings
 
@@ -54,22 +55,36 @@ def test_blocked_headings_are_sorted_disjoint_and_cover_every_disc(found):
     assert all(b.low < b.high for b in merged)
     for b, after in pairwise(merged):
         assert b.high < after.low
-    assert sorted(i for b in merged for i in b.members) == list(range(len(discs)))
-    for centre, radius, i in discs:
-        d, bearing = np.linalg.norm(centre), np.arctan2(centre[1], centre[0])
-        half = np.arcsin(radius / d) if d > radius else np.pi / 2.0
-        own = next(b for b in merged if i in b.members)
-        assert own.low <= bearing - half + 1e-12
-        assert own.high >= bearing + half - 1e-12
+    assert {i for b in merged for i in b.members} == set(range(len(discs)))
+    for heading in np.linspace(-np.pi, np.pi, 200):
+        if hidden_by(heading, discs, -1e-9):
+            assert any(b.low <= heading <= b.high for b in merged)
 
 
 @given(st.lists(disc, min_size=2, max_size=6))
 def test_no_heading_is_blocked_that_no_disc_hides(found):
+    assume(all(np.linalg.norm(c) > 1e-3 for c, _ in found))
     discs = [(centre, radius, i) for i, (centre, radius) in enumerate(found)]
-    single = [merge_blocked([d])[0] for d in discs]
     for b in merge_blocked(discs):
-        for heading in np.linspace(b.low, b.high, 50):
-            assert any(s.low - 1e-12 <= heading <= s.high + 1e-12 for s in single)
+        for heading in np.linspace(max(b.low, -np.pi), min(b.high, np.pi), 50):
+            assert hidden_by(heading, discs, 1e-9)
+
+
+def hidden_by(heading, discs, slack):
+    """Return whether a disc hides a heading, by the angle between the two; `slack` widens every disc."""
+    for centre, radius, _ in discs:
+        d, bearing = np.linalg.norm(centre), np.arctan2(centre[1], centre[0])
+        half = np.arcsin(radius / d) if d > radius else np.pi / 2.0
+        if abs(wrap_angle(heading - bearing)) < half + slack:
+            return True
+    return False
+
+
+def test_a_column_behind_hides_headings_on_both_sides_of_straight_back():
+    discs = [(np.array([-0.45, 0.05]), 0.3, 0)]
+    merged = merge_blocked(discs)
+    for heading in (3.0, -3.0, np.pi, -np.pi + 1e-9):
+        assert any(b.low < heading < b.high for b in merged)
 
 
 def test_nothing_known_changes_nothing():

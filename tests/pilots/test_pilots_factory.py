@@ -160,3 +160,15 @@ def test_every_setting_is_described_and_unknown_ones_are_refused(group):
 def test_settings_cannot_be_changed_in_flight():
     with pytest.raises(ValidationError, match="frozen"):
         PilotSettings().min_points = 8
+
+
+def test_a_gain_that_grows_with_the_error_is_refused_before_the_flight():
+    with pytest.raises(ValidationError, match="lambda_inf is 0.1 and lambda_0 0.05; the gain at large error"):
+        PilotSettings.model_validate({"published": {"lambda_0": 0.05}})
+
+
+def test_more_points_needed_than_are_tracked_is_refused_before_the_flight():
+    with pytest.raises(
+        ValidationError, match="min_points is 100 and max_points 60; at least min_points have"
+    ):
+        PilotSettings(min_points=100)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pilots_cloud import CAMERA, DT, OPTICS, cloud, pixels, pose_at, scene_at, view_of
 
+from noctule.control.transition import Transition
 from noctule.geometry import rot_z, wrap_angle
 from noctule.messages import ColumnBox, Limits
 from noctule.pilots.published import PublishedLaw
@@ -258,3 +259,10 @@ def test_views_of_other_images_are_not_flown_to():
     law = law_of(last=1)
     view = view_of(1, POINTS, HOME, HOME, pose_at(0.0))
     assert law.step(scene_at(0.0, {1: view}, np.zeros(4))) is None
+
+
+def test_losing_the_target_ends_the_blend_of_a_switch():
+    law = law_of(last=1)
+    law.transition = Transition(np.array([0.4, 0.0, 0.0, 0.0]), 1.6)
+    assert law.step(scene_at(5.0, {}, np.zeros(4))) is None
+    assert law.transition is None

@@ -191,13 +191,20 @@ class Detour:
 
 
 def merge_blocked(discs: list[tuple[Array, float, int]]) -> list[Blocked]:
-    """Return the intervals of headings hidden by discs (centre (2,), radius [m], index), overlaps merged."""
+    """Return the intervals of headings hidden by discs (centre (2,), radius [m], index), overlaps merged.
+
+    An interval that reaches beyond +-pi comes on the other side as well, so headings in (-pi, pi] need no
+    wrapping.
+    """
     intervals = []
     for centre, radius, i in discs:
         d = float(np.linalg.norm(centre))
         bearing = float(np.arctan2(centre[1], centre[0]))
         half = float(np.arcsin(radius / d)) if d > radius else np.pi / 2
-        intervals.append(Blocked(bearing - half, bearing + half, (i,)))
+        for turn in (-2.0 * np.pi, 0.0, 2.0 * np.pi):
+            low, high = bearing - half + turn, bearing + half + turn
+            if high > -np.pi and low < np.pi:
+                intervals.append(Blocked(low, high, (i,)))
     intervals.sort(key=lambda b: b.low)
     merged: list[Blocked] = []
     for b in intervals:

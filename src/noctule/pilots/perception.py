@@ -64,6 +64,7 @@ class Perception:
     _stamp: float = -np.inf
     _asked: dict[int, float] = field(default_factory=dict)  # index -> [s] when it was asked for last
     _pending: dict[tuple[float, int], Pyramid] = field(default_factory=dict)
+    _held: list[MatchResult] = field(default_factory=list)
     _references: dict[int, Pyramid] = field(default_factory=dict)
     _judged: dict[int, float] = field(default_factory=dict)  # index -> `matched` of the last view
     _ticks: int = 0
@@ -81,22 +82,19 @@ class Perception:
         `wanted` are the key images worth following, each with the number of points that it may have; tracks
         of others are dropped.
         """
-        picture = observation.picture
+        picture, results = observation.picture, [*self._held, *observation.matches]
+        # A match that arrives between two pictures waits for the next one.
+        self._held = results if picture is None else []
         if picture is None:
-            self._forget_lost_requests(observation)
             return {}
         pyramid, pose = Pyramid.of(picture.pixels), odometry.at(picture.stamp)
         self.tracks = {i: tracks for i, tracks in self.tracks.items() if i in wanted}
         self._follow(pyramid)
-        for result in observation.matches:
+        for result in results:
             self._take(result, pyramid, odometry, pose, wanted)
         self._pyramid, self._stamp = pyramid, picture.stamp
         self._ticks += 1
         return self._views(pose, pyramid)
-
-    def _forget_lost_requests(self, observation: Observation) -> None:
-        for result in observation.matches:
-            self._pending.pop((result.stamp, result.key_index), None)
 
     def _follow(self, pyramid: Pyramid) -> None:
         """Track every point from the last picture to this one, in one call for all images."""
@@ -219,8 +217,8 @@ class Perception:
             return now - self._asked.get(index, -np.inf) >= time
 
         if lost:
-            # The image may have been passed, or not be in sight yet: ask for its neighbours in turn.
-            around = [i for i in (current, current + 1, current - 1) if 0 <= i < len(self.path.images)]
+            # The image may have been passed already: ask for it and the next one in turn.
+            around = [i for i in (current, current + 1) if i < len(self.path.images)]
             return sorted(around, key=lambda i: self._asked.get(i, -np.inf))
         weak = int(1.5 * self.settings.min_points)
         names = []

@@ -74,8 +74,10 @@ class PublishedLaw:
         view = scene.views.get(self.k)
         if view is None:
             # A tick without a picture holds the command; more of them are the pilot's business.
-            held = Answer(scene.previous.copy())
-            return held if scene.stamp - self._seen <= _COAST else None
+            if scene.stamp - self._seen <= _COAST:
+                return Answer(scene.previous.copy())
+            self.transition = None  # the hover that follows leaves no command worth blending from
+            return None
         self._seen = view.pose.stamp
         view = self._change_image(view, scene)
         error, bottom = self._servo(view)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from noctule.settings import Settings
 
@@ -27,6 +27,15 @@ class PublishedGains(Settings):
     epsilon_last_px: float = Field(6.0, gt=0, le=200, description="threshold at the last image, eq. (7)")
     column_distance: float = Field(0.8, gt=0, le=10, description="assumed distance z of a column [m]")
     scene_distance: float = Field(3.0, gt=0, le=50, description="assumed distance z of the scene [m]")
+
+    @model_validator(mode="after")
+    def _falling_gain(self) -> Self:
+        if self.lambda_inf > self.lambda_0:
+            raise ValueError(
+                f"lambda_inf is {self.lambda_inf:g} and lambda_0 {self.lambda_0:g}; "
+                "the gain at large error must not be the larger one"
+            )
+        return self
 
 
 class ProgressGains(Settings):
@@ -75,3 +84,12 @@ class PilotSettings(Settings):
     rematch_s: float = Field(0.7, gt=0, le=10, description="time between matches to the key image [s]")
     give_up_s: float = Field(6.0, gt=0, le=120, description="lost for this long: give up [s]")
     picture_max_age_s: float = Field(0.3, gt=0, le=5, description="older pictures are not flown on [s]")
+
+    @model_validator(mode="after")
+    def _enough_points(self) -> Self:
+        if self.max_points < self.min_points:
+            raise ValueError(
+                f"min_points is {self.min_points} and max_points {self.max_points}; "
+                "at least min_points have to be tracked"
+            )
+        return self

@@ -90,20 +90,28 @@ class PixelNoise:
     def __init__(self, sd: float, seed: np.random.SeedSequence) -> None:
         self._sd = sd
         self._entropy = seed.generate_state(4)
-        self._bank: NDArray[np.int8] | None = None
+        self._bank: tuple[Pixels, Pixels] | None = None  # what is added and what is taken away
 
     def add(self, pixels: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
         """Return the picture with the noise of picture `number`, cut to 0 to 255."""
         if self._sd == 0.0:
             return pixels
-        if self._bank is None:
+        more, less = self._banks(pixels.size)
+        offset = int(np.random.default_rng([*self._entropy, number]).integers(len(more) - pixels.size))
+        run = slice(offset, offset + pixels.size)
+        # One of the two is 0 everywhere, so adding and taking away saturate like one signed addition.
+        brighter = cv2.add(pixels, more[run].reshape(pixels.shape))
+        return np.asarray(cv2.subtract(brighter, less[run].reshape(pixels.shape)), dtype=np.uint8)
+
+    def _banks(self, size: int) -> tuple[Pixels, Pixels]:
+        if self._bank is None or len(self._bank[0]) <= size:
             values = np.random.default_rng(self._entropy).standard_normal(NOISE_BANK, dtype=np.float32)
-            self._bank = np.clip(np.rint(self._sd * values), -127, 127).astype(np.int8)
-        size = pixels.size
-        bank = self._bank if size < NOISE_BANK else np.resize(self._bank, size + 1)
-        offset = int(np.random.default_rng([*self._entropy, number]).integers(len(bank) - size))
-        noise = bank[offset : offset + size].reshape(pixels.shape)
-        return np.asarray(cv2.add(pixels, noise, dtype=cv2.CV_8U), dtype=np.uint8)
+            rounded = np.clip(np.rint(self._sd * values), -255, 255).astype(np.int16)
+            if size >= NOISE_BANK:
+                rounded = np.resize(rounded, size + 1)
+            more, less = np.maximum(rounded, 0), np.maximum(-rounded, 0)
+            self._bank = more.astype(np.uint8), less.astype(np.uint8)
+        return self._bank
 
 
 class SimulatedCamera:
