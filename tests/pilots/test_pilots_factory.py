@@ -163,7 +163,7 @@ def test_settings_cannot_be_changed_in_flight():
 
 
 def test_a_gain_that_grows_with_the_error_is_refused_before_the_flight():
-    with pytest.raises(ValidationError, match="lambda_inf is 0.1 and lambda_0 0.05; the gain at large error"):
+    with pytest.raises(ValidationError, match=r"lambda_inf is 0\.1 and lambda_0 0\.05; the gain"):
         PilotSettings.model_validate({"published": {"lambda_0": 0.05}})
 
 
