@@ -61,8 +61,8 @@ class Watcher:
         most = share or self.settings.max_points
         return self.perception.step(observation, self.odometry, dict.fromkeys(wanted, most))
 
-    def ask(self, current=0, following=None, lost=False):
-        return [r.key_index for r in self.perception.requests(self.now, current, following, lost)]
+    def ask(self, current=0, following=None, search=()):
+        return [r.key_index for r in self.perception.requests(self.now, current, following, search)]
 
     def match(self, index=0, stamp=None) -> MatchResult:
         """What the worker finds in the picture of `stamp`, the newest unless told."""

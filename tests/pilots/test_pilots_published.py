@@ -266,3 +266,36 @@ def test_losing_the_target_ends_the_blend_of_a_switch():
     law.transition = Transition(np.array([0.4, 0.0, 0.0, 0.0]), 1.6)
     assert law.step(scene_at(5.0, {}, np.zeros(4))) is None
     assert law.transition is None
+
+
+def test_feed_forward_is_that_of_the_segment_being_flown_and_none_on_the_last():
+    ahead = (np.array([0.3, 0.0, 0.0, 0.1]), np.array([0.0, 0.3, 0.0, 0.0]))
+    law = PublishedLaw(
+        PilotSettings.model_validate(
+            {"law": "published", "published": {"feed_forward": 0.5, "feed_forward_weight": 0.25}}
+        ),
+        UNLIMITED,
+        OPTICS,
+        2,
+        ahead,
+    )
+    nu = np.array([0.1, 0.2, 0.3, 0.4])
+    assert law._with_feed_forward(nu) == pytest.approx(nu)  # the way to the first image is no segment
+    law.jump(1)
+    assert law._with_feed_forward(nu) == pytest.approx(0.25 * nu + 0.75 * 0.5 * ahead[0])
+    law.jump(2)
+    assert law._with_feed_forward(nu) == pytest.approx(nu)
+
+
+@pytest.mark.parametrize(("avoiding", "switched"), [(False, True), (True, False)])
+def test_an_error_that_rises_five_times_passes_an_image_unless_a_column_is_being_passed(avoiding, switched):
+    law = law_of(last=1, feed_forward=0.5)
+    law.segments = (np.zeros(4),)
+    if avoiding:
+        law.avoidance = law.avoidance.step((np.eye(1, 4), np.zeros(1)), 0.1)
+    targets = [(np.array([1.0, 0.0, 1.0]), 0.0), (np.array([2.0, 0.0, 1.0]), 0.0)]
+    for n in range(8):
+        here = (np.array([0.5 - 0.03 * n, 0.0, 1.0]), 0.0)  # drifting away
+        views = {i: view_of(i, POINTS, targets[i], here, pose_at(n * DT), seed=[0, n]) for i in (0, 1)}
+        law.step(scene_at(n * DT, views, np.zeros(4), None))  # no word of columns: what is active stays so
+    assert (law.target == 1) is switched

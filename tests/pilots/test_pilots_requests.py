@@ -104,19 +104,11 @@ def test_the_weaker_image_comes_before_the_periodic_match():
     assert w.ask(0, 1) == [1]  # the first image is strong, though its turn has come too
 
 
-def test_when_lost_the_image_and_the_next_are_asked_for_in_turn():
+def test_when_lost_the_images_searched_for_are_asked_for_in_turn():
     w = Watcher(path_of("astronaut", "coffee", "chelsea"))
     w.show(picture_of("astronaut"))
     asked = []
     for _ in range(6):
-        asked += w.ask(1, lost=True)
+        asked += w.ask(1, search=[1, 2, 0])
         answered(w, asked[-1], 0.1)
-    assert asked == [1, 2, 1, 2, 1, 2]
-
-
-def test_when_lost_only_images_of_the_path_are_asked_for():
-    w = Watcher(path_of("astronaut"))
-    w.show(picture_of("astronaut"))
-    for _ in range(3):
-        assert w.ask(0, lost=True) == [0]
-        answered(w, 0, 0.1)
+    assert asked == [1, 2, 0, 1, 2, 0]

@@ -42,8 +42,8 @@ class FakePerception:
         self.picture_stamp = observation.picture.stamp
         return dict(self.seen)
 
-    def requests(self, now, current, following, lost):
-        self.asked.append((current, following, lost))
+    def requests(self, now, current, following, search=()):
+        self.asked.append((current, following, list(search)))
         return [MatchRequest(current)]
 
 
@@ -57,6 +57,7 @@ class FakeLaw:
     arrived: bool = False
     scenes: list = field(default_factory=list)
     pauses: list = field(default_factory=list)
+    jumps: list = field(default_factory=list)
 
     def step(self, scene):
         self.scenes.append(scene)
@@ -65,12 +66,16 @@ class FakeLaw:
     def pause(self, scene):
         self.pauses.append(scene)
 
+    def jump(self, index):
+        self.target = index
+        self.jumps.append(index)
+
 
 class Flight:
     """A pilot of fakes, ticked."""
 
-    def __init__(self, **settings):
-        self.perception, self.law = FakePerception(), FakeLaw()
+    def __init__(self, names=("door", "window"), **settings):
+        self.perception, self.law = FakePerception(names), FakeLaw()
         told = PilotSettings.model_validate({"give_up_s": 2.0, **settings})
         self.pilot = VisualPilot(told, LIMITS, self.perception, self.law, DT)
         self.stamp = 5.0 - DT
@@ -213,7 +218,7 @@ def test_a_search_says_so_to_perception_and_a_flight_does_not():
     f.tick()
     f.law.command = FAST
     f.tick()
-    assert f.perception.asked == [(0, None, True), (0, None, False)]
+    assert f.perception.asked == [(0, None, [0]), (0, None, [])]
 
 
 def test_the_next_image_is_asked_for_when_the_law_wants_it_and_there_is_one():
@@ -222,7 +227,7 @@ def test_the_next_image_is_asked_for_when_the_law_wants_it_and_there_is_one():
     assert f.tick().requests == (MatchRequest(0),)
     f.law.target = 1  # the last
     f.tick()
-    assert f.perception.asked == [(0, 1, False), (1, None, False)]
+    assert f.perception.asked == [(0, 1, []), (1, None, [])]
 
 
 def test_the_image_and_the_next_one_are_followed_and_the_next_one_gets_a_smaller_share():
@@ -317,3 +322,65 @@ def test_the_same_observations_give_the_same_decisions_bit_for_bit(law):
         assert (a.command, a.phase, a.requests, a.outcome) == (b.command, b.phase, b.requests, b.outcome)
         assert (a.diagnostics.points_current == b.diagnostics.points_current).all()
         assert a.diagnostics.translation.tobytes() == b.diagnostics.translation.tobytes()
+
+
+def sight(index, distance=0.1):
+    """Return a view of image `index` from `distance` [mean depths] away."""
+    estimate = HomographyEstimate(
+        np.eye(3), "upright", 1.0, np.ones(20, dtype=bool), t=np.array([0.0, 0.0, distance])
+    )
+    return View(index, None, estimate, np.zeros((20, 2)), np.zeros((20, 2)), 1.0)
+
+
+def test_a_lost_image_is_searched_for_among_all_the_nearest_along_the_path_first():
+    f = Flight(names=("a", "b", "c", "d", "e"))
+    f.law.command, f.law.target = FAST, 2
+    f.tick()
+    f.law.command = None
+    f.tick()
+    assert f.perception.asked[-1] == (2, None, [2, 3, 1, 4, 0])
+    f.tick()
+    assert set(f.perception.wanted[-1]) == {0, 1, 2, 3, 4}
+
+
+def test_a_search_goes_on_with_the_image_that_it_finds():
+    f = Flight(names=("a", "b", "c", "d", "e"))
+    f.law.command, f.law.target = FAST, 1
+    f.tick()
+    f.law.command = None
+    f.perception.seen = {4: sight(4), 3: sight(3)}
+    f.tick()
+    assert f.law.jumps == [3]
+    f.law.command = FAST
+    assert f.tick().phase == "flying"
+
+
+def test_before_the_first_recognition_nothing_is_skipped():
+    f = Flight()
+    f.perception.seen = {1: sight(1)}
+    f.ticks(0.5)
+    assert f.law.jumps == []
+
+
+def test_a_flight_that_may_begin_anywhere_looks_for_every_image_and_takes_the_nearest():
+    f = Flight(names=("a", "b", "c", "a"), start="nearest")
+    f.law.command = FAST
+    found = {1: sight(1, 0.3), 2: sight(2, 0.05)}
+    for i in range(3):  # the fourth is the first again
+        decision = f.tick()
+        assert decision.phase == "matching"
+        assert not decision.command.as_array().any()
+        assert f.perception.asked[-1][2] == list(range(i, 3))
+        f.perception.reasons[i] = "" if i in found else "0 features look alike, 14 are needed"
+        f.perception.seen = {j: found[j] for j in found if j <= i}
+    f.tick()
+    assert f.law.jumps == [2]
+    assert f.tick().phase == "flying"
+
+
+def test_a_flight_that_may_begin_anywhere_and_finds_nothing_gives_up_as_ever():
+    f = Flight(start="nearest")
+    f.perception.reasons = {0: "7 features look alike, 14 are needed", 1: "none"}
+    ends = [d for d in f.ticks(2.5) if d.outcome is not None]
+    assert f.law.jumps == []
+    assert [d.outcome for d in ends] == [Outcome.LOST]

@@ -7,16 +7,18 @@ from collections.abc import Callable
 import numpy as np
 
 from noctule.estimation.odometry import OdometryPose
+from noctule.geometry import Array
 from noctule.messages import Limits, MatchResult, Picture, Pilot
 from noctule.pilots.law import Law, Optics, View
 from noctule.pilots.noctule_law import NoctuleLaw, sighting_of
 from noctule.pilots.perception import Perception, match_key_image
 from noctule.pilots.progress import LinkGeometry
-from noctule.pilots.published import PublishedLaw
-from noctule.pilots.settings import PilotSettings
+from noctule.pilots.published import PublishedLaw, published_velocity
+from noctule.pilots.settings import PilotSettings, PublishedGains
 from noctule.pilots.visual import VisualPilot
 from noctule.pilots.visual_path import VisualPath
 from noctule.vision.homography import estimate_homography
+from noctule.vision.triangle import largest_triangle
 
 
 def link_geometries(path: VisualPath, optics: Optics, attitude_sd: float) -> tuple[LinkGeometry, ...]:
@@ -41,8 +43,26 @@ def _noctule(settings: PilotSettings, path: VisualPath, limits: Limits, optics: 
     return NoctuleLaw(settings, limits, optics, link_geometries(path, optics, attitude_sd))
 
 
+def segment_velocities(path: VisualPath, optics: Optics, gains: PublishedGains) -> tuple[Array, ...]:
+    """Return (3) between neighbouring key images, once: the velocity (4,) that image k asks for in k - 1.
+
+    Eq. (32) before its scale, in the heading frame of image k - 1.
+    """
+    found = []
+    for k, link in enumerate(path.links):
+        here, ahead = path.images[k], path.images[k + 1]
+        m_here = optics.levelled(link.p_ref, here.roll, here.pitch)
+        m_ahead = optics.levelled(link.p_next, ahead.roll, ahead.pitch)
+        estimate = estimate_homography(m_ahead, m_here, "generic")
+        m_ref = m_ahead[list(largest_triangle(m_ahead))].mean(axis=0)
+        found.append(published_velocity(estimate.H, m_ref, optics, gains)[1])
+    return tuple(found)
+
+
 def _published(settings: PilotSettings, path: VisualPath, limits: Limits, optics: Optics) -> Law:
-    return PublishedLaw(settings, limits, optics, len(path.images) - 1)
+    gains = settings.published
+    segments = () if gains.feed_forward is None else segment_velocities(path, optics, gains)
+    return PublishedLaw(settings, limits, optics, len(path.images) - 1, segments)
 
 
 LAWS: dict[str, tuple[Callable[[PilotSettings, VisualPath, Limits, Optics], Law], str]] = {

@@ -71,6 +71,10 @@ class Law(Protocol):
         """Answer a scene; None when what is seen is not enough to fly on."""
         ...
 
+    def jump(self, index: int) -> None:
+        """Go on with another image than the current target: it was recognised, the target was not."""
+        ...
+
     def pause(self, scene: Scene) -> None:
         """Take notice of a tick in which the pilot hovers instead of flying the law."""
         ...

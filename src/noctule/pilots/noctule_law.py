@@ -69,6 +69,10 @@ class NoctuleLaw:
         """Whether the following image should be looked for already."""
         return self.progress.remaining < _LOOK_AHEAD
 
+    def jump(self, index: int) -> None:
+        """Go on with another image."""
+        self.progress.jump(index)
+
     def pause(self, scene: Scene) -> None:
         """Go on dead-reckoning while the pilot hovers."""
         self._observe(scene)

@@ -7,7 +7,7 @@ the next image is there before it is needed: no tick ever waits.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -200,26 +200,32 @@ class Perception:
         except NoHomographyError:
             return None
 
-    def requests(self, now: float, current: int, following: int | None, lost: bool) -> list[MatchRequest]:
-        """Return what the worker should match next; call after `step`, at most one is under way at a time."""
+    def requests(
+        self, now: float, current: int, following: int | None, search: Sequence[int] = ()
+    ) -> list[MatchRequest]:
+        """Return what the worker should match next; call after `step`, at most one is under way at a time.
+
+        With `search`, images to look for because the target is lost, the one that was asked for longest ago
+        comes first, and of equals the earlier in the list.
+        """
         # An answer that never comes must not keep the pilot from asking again.
         self._pending = {key: then for key, then in self._pending.items() if now - key[0] < _LATE}
         if self._pyramid is None or self._pending:
             return []
-        for index in self._candidates(now, current, following, lost):
+        for index in self._candidates(now, current, following, search):
             self._asked[index] = now
             self._pending[self._stamp, index] = self._pyramid
             return [MatchRequest(index)]
         return []
 
-    def _candidates(self, now: float, current: int, following: int | None, lost: bool) -> list[int]:
+    def _candidates(
+        self, now: float, current: int, following: int | None, search: Sequence[int]
+    ) -> list[int]:
         def waited(index: int, time: float) -> bool:
             return now - self._asked.get(index, -np.inf) >= time
 
-        if lost:
-            # The image may have been passed already: ask for it and the next one in turn.
-            around = [i for i in (current, current + 1) if i < len(self.path.images)]
-            return sorted(around, key=lambda i: self._asked.get(i, -np.inf))
+        if search:
+            return sorted(search, key=lambda i: self._asked.get(i, -np.inf))
         weak = int(1.5 * self.settings.min_points)
         names = []
         if self._size(current) < weak and waited(current, _RETRY):

@@ -105,6 +105,10 @@ class ProgressLaw:
             return s, float(np.hypot(0.15 * s, np.sqrt(before.P[3, 3]) / ratio))
         return None
 
+    def jump(self, index: int) -> None:
+        """Fly to image `index` next, straight from where the vehicle is."""
+        self.k, self.origin, self.off, self.held = index, None, None, 0.0
+
     def _known_bias(self) -> tuple[Array, Array] | None:
         current = self.targets.get(self.k)
         return None if current is None else (current.velocity_bias, current.P[5:, 5:])

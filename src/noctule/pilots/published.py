@@ -2,7 +2,8 @@
 
 Generic homography, the error (2) as printed, adaptive gain (4), tasks (8) to (12) in the exact hierarchy in
 four degrees of freedom, activation (20) with a clock of its own for each task, blending at switches, and the
-change to the next image when the mean distance (7) falls below a threshold.
+change to the next image when the mean distance (7) falls below a threshold. Algorithm 2 is the same without
+columns: with feed-forward (31), (32) it adds the velocity that the segment itself asks for.
 """
 
 from __future__ import annotations
@@ -22,10 +23,22 @@ from noctule.geometry import Array
 from noctule.messages import ColumnBox, Limits
 from noctule.pilots.law import Answer, Optics, Scene, View
 from noctule.pilots.perception import safety_box
-from noctule.pilots.settings import PilotSettings
+from noctule.pilots.settings import PilotSettings, PublishedGains
 from noctule.vision.triangle import largest_triangle
 
+_RISES = 5  # ticks of rising error after which an image counts as passed
 _COAST = 0.3  # [s] without a view of the target during which the last command is held
+
+
+def published_velocity(H: Array, m_ref: Array, optics: Optics, gains: PublishedGains) -> tuple[Array, Array]:
+    """Return the error (2), (6,), and the body velocity (4,) that brings it to zero: (3) to (6).
+
+    `H` (3, 3) takes the key image to the current one, `m_ref` (2,) is a point of its plane in the key image.
+    """
+    error = homography_error(H, m_ref)
+    gain = AdaptiveGain(gains.lambda_0, gains.lambda_inf, gains.lambda_slope)(error)
+    nu_c = camera_twist(error, gain_vector(gain, gains.lambda_lateral_extra, gains.lambda_yaw_ratio))
+    return error, body_velocity(nu_c, optics.mount.t_body_camera)
 
 
 @dataclass(slots=True)
@@ -36,6 +49,7 @@ class PublishedLaw:
     limits: Limits
     optics: Optics
     last: int  # index of the last image
+    segments: tuple[Array, ...] = ()  # velocities (4,) of the segments to images 1, 2, ...
     k: int = 0
     avoidance: FadingTask = field(init=False)
     visibility: FadingTask = field(init=False)
@@ -43,6 +57,7 @@ class PublishedLaw:
     _arrived: bool = False
     _epsilon: float = float("inf")
     _seen: float = -np.inf
+    _rises: int = 0  # ticks in a row in which the mean distance rose
     _errors: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -68,6 +83,10 @@ class PublishedLaw:
     def pause(self, scene: Scene) -> None:
         """Begin again from the command that hovering left."""
         self.transition = None
+
+    def jump(self, index: int) -> None:
+        """Go on with another image."""
+        self.k, self.transition, self._rises = index, None, 0
 
     def step(self, scene: Scene) -> Answer | None:
         """Answer a scene; None when the target has not been in sight for too long."""
@@ -98,27 +117,44 @@ class PublishedLaw:
     def _change_image(self, view: View, scene: Scene) -> View:
         """Switch to the next image below the threshold, when it is in sight; end at the last one."""
         gains = self.settings.published
+        # While a column is being passed the error rises for a reason: that must not skip an image.
+        avoiding = self.avoidance.activation.h > 0.0
+        rose = view.epsilon_px > self._epsilon and not avoiding
+        self._rises = self._rises + 1 if rose else 0
         self._epsilon = view.epsilon_px
         if self.k == self.last:
             self._arrived = view.epsilon_px < gains.epsilon_last_px
             return view
         following = scene.views.get(self.k + 1)
-        if view.epsilon_px >= gains.epsilon_intermediate_px or following is None:
+        rising = gains.feed_forward is not None and gains.change_on_rise and self._rises >= _RISES
+        passed = view.epsilon_px < gains.epsilon_intermediate_px or rising
+        if not passed or following is None:
             return view
         self.k += 1
+        self._rises = 0
         self.transition = Transition(scene.previous.copy(), gains.transition_s, gains.h_0)
         self._epsilon = following.epsilon_px
         return following
 
     def _servo(self, view: View) -> tuple[Array, Array]:
         """Return the error (2), (6,), and the body velocity (4,) that brings it to zero: (3) to (6)."""
-        gains = self.settings.published
         corners = largest_triangle(view.p_ref)
         m_ref = self.optics.camera.normalise(view.p_ref[list(corners)]).mean(axis=0)
-        error = homography_error(view.estimate.H, m_ref)
-        gain = AdaptiveGain(gains.lambda_0, gains.lambda_inf, gains.lambda_slope)(error)
-        nu_c = camera_twist(error, gain_vector(gain, gains.lambda_lateral_extra, gains.lambda_yaw_ratio))
-        return error, body_velocity(nu_c, self.optics.mount.t_body_camera)
+        error, nu = published_velocity(view.estimate.H, m_ref, self.optics, self.settings.published)
+        return error, self._with_feed_forward(nu)
+
+    def _with_feed_forward(self, nu: Array) -> Array:
+        """Return (31): p nu_e + (1 - p) nu_p.
+
+        Corrected: Algorithm 2 leads by one segment and has no row for the last image. Heading to image k the
+        velocity of the segment from k - 1 to k is used, and none on the last image, where the flight would
+        never end.
+        """
+        gains = self.settings.published
+        if gains.feed_forward is None or self.k in (0, self.last):
+            return nu
+        p = gains.feed_forward_weight
+        return np.asarray(p * nu + (1.0 - p) * gains.feed_forward * self.segments[self.k - 1])
 
     def _rows(self, task: Task) -> tuple[Array, Array]:
         J = task.jacobian() @ camera_twist_matrix(self.optics.mount.t_body_camera)

@@ -25,6 +25,21 @@ class PublishedGains(Settings):
     h_0: float = Field(0.2, ge=0, le=1, description="share of the new command right after a switch, eq. (29)")
     epsilon_intermediate_px: float = Field(12.0, gt=0, le=200, description="threshold on the way, eq. (7)")
     epsilon_last_px: float = Field(6.0, gt=0, le=200, description="threshold at the last image, eq. (7)")
+    feed_forward: float | None = Field(
+        None,
+        ge=0,
+        le=1,
+        description="gamma of eq. (32), scale of the feed-forward; none: no feed-forward",
+    )
+    feed_forward_weight: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="p of eq. (31), the share of servoing beside feed-forward",
+    )
+    change_on_rise: bool = Field(
+        True, description="with feed-forward, an image is also passed when the error has risen five times"
+    )
     column_distance: float = Field(0.8, gt=0, le=10, description="assumed distance z of a column [m]")
     scene_distance: float = Field(3.0, gt=0, le=50, description="assumed distance z of the scene [m]")
 
@@ -81,6 +96,9 @@ class PilotSettings(Settings):
         16, ge=8, le=200, description="fewer tracked points than this: stop and match again"
     )
     max_points: int = Field(60, ge=16, le=400, description="points tracked at the most")
+    start: Literal["first", "nearest"] = Field(
+        "first", description="begin with the first key image, or with the nearest one of all"
+    )
     rematch_s: float = Field(0.7, gt=0, le=10, description="time between matches to the key image [s]")
     give_up_s: float = Field(6.0, gt=0, le=120, description="lost for this long: give up [s]")
     picture_max_age_s: float = Field(0.3, gt=0, le=5, description="older pictures are not flown on [s]")

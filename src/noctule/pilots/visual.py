@@ -1,11 +1,13 @@
 """The visual pilot: one target image or a path of them, whatever the law.
 
-Phases: `matching` (hover until the first image is recognised), `flying`, `searching` (the image was lost:
-hover and match again, then give up with a reason), `done`.
+Phases: `matching` (hover until the first image is recognised, or every image was looked for to find the
+nearest), `flying`, `searching` (the image was lost: hover, look for all key images, go on with the nearest
+along the path, or give up with a reason), `done`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 
@@ -25,6 +27,7 @@ from noctule.messages import (
 )
 from noctule.pilots.law import Answer, Law, Scene
 from noctule.pilots.perception import Perception
+from noctule.pilots.relocation import Sweep, distinct, nearest_in_order, outward
 from noctule.pilots.settings import PilotSettings
 from noctule.vision.columns import ColumnColour, detect_columns
 
@@ -43,11 +46,14 @@ class VisualPilot:
     _command: Array = field(default_factory=lambda: np.zeros(4))
     _last: float | None = None  # [s], stamp of the last tick
     _lost_since: float | None = None
+    _sweep: Sweep | None = field(init=False)
     _boxes: tuple[ColumnBox, ...] = ()
 
     def __post_init__(self) -> None:
         """Expect the vehicle to answer as the settings say."""
         self.odometry = Odometry(self.settings.vehicle_lag)
+        nearest = self.settings.start == "nearest"
+        self._sweep = Sweep(distinct(self.perception.path)) if nearest else None
 
     def step(self, observation: Observation) -> Decision:
         """Answer one observation."""
@@ -56,6 +62,8 @@ class VisualPilot:
         self._last = observation.stamp
         if self.phase == "done":
             return self._hover(scene, None)
+        if self._sweep is not None:
+            return self._find_start(scene, self._sweep)
         blind = observation.stamp - self.perception.picture_stamp > self.settings.picture_max_age_s
         answer = None
         if blind:
@@ -69,7 +77,20 @@ class VisualPilot:
             self.phase = "done"
             return self._hover(scene, answer, Outcome.REACHED, "the last image is reached")
         self._command = answer.command
-        return self._decision(scene, answer, answer.command, lost=False)
+        return self._decision(scene, answer, answer.command)
+
+    def _find_start(self, scene: Scene, sweep: Sweep) -> Decision:
+        """Hover until every image was looked for, then begin with the nearest."""
+        sweep.note(scene.views)
+        self.law.pause(scene)
+        left = sweep.left(set(self.perception.reasons))
+        if left:
+            return self._hover(scene, None, search=left)
+        nearest = sweep.nearest()
+        if nearest is not None:
+            self.law.jump(nearest)
+        self._sweep = None
+        return self._hover(scene, None)
 
     def _look(self, observation: Observation, dt: float) -> Scene:
         state = observation.state
@@ -78,7 +99,10 @@ class VisualPilot:
         target = self.law.target
         most = self.settings.max_points
         # The next image is only to be known in time; once it is the target it gets its full share.
-        wanted = {target: most, target + 1: max(most // 2, self.settings.min_points)}
+        few = max(most // 2, self.settings.min_points)
+        wanted = {target: most, target + 1: few}
+        if self._lost_since is not None or self._sweep is not None:
+            wanted = dict.fromkeys(range(len(self.perception.path.images)), few) | {target: most}
         views = self.perception.step(observation, self.odometry, wanted)
         columns = None
         if observation.picture is not None and self.settings.column_hue_deg is not None:
@@ -96,7 +120,13 @@ class VisualPilot:
         if waited > self.settings.give_up_s:
             self.phase = "done"
             return self._hover(scene, None, Outcome.LOST, self._why(blind))
-        return self._hover(scene, None)
+        if self.phase == "searching":
+            found = nearest_in_order(scene.views, self.law.target)
+            if found is not None and found != self.law.target:
+                self.law.jump(found)
+        # Before the first recognition only the beginning of the path is looked for.
+        n = len(self.perception.path.images) if self.phase == "searching" else 1
+        return self._hover(scene, None, search=outward(self.law.target, max(n, self.law.target + 1)))
 
     def _why(self, blind: bool) -> str:
         target = self.law.target
@@ -115,29 +145,32 @@ class VisualPilot:
         )
 
     def _hover(
-        self, scene: Scene, answer: Answer | None, outcome: Outcome | None = None, reason: str = ""
+        self,
+        scene: Scene,
+        answer: Answer | None,
+        outcome: Outcome | None = None,
+        reason: str = "",
+        search: Sequence[int] = (),
     ) -> Decision:
         """Brake to a hover within the acceleration limit."""
         self._command = limit_command(np.zeros(4), self._command, self.limits, scene.dt)
-        return self._decision(
-            scene, answer or Answer(self._command), self._command, outcome is None, outcome, reason
-        )
+        return self._decision(scene, answer or Answer(self._command), self._command, outcome, reason, search)
 
     def _decision(
         self,
         scene: Scene,
         answer: Answer,
         command: Array,
-        lost: bool,
         outcome: Outcome | None = None,
         reason: str = "",
+        search: Sequence[int] = (),
     ) -> Decision:
         target = self.law.target
         following = target + 1 if target + 1 < len(self.perception.path.images) else None
         requests = []
         if self.phase != "done":
             look = following if self.law.wants_next else None
-            requests = self.perception.requests(scene.stamp, target, look, lost)
+            requests = self.perception.requests(scene.stamp, target, look, search)
         view = scene.views.get(target)
         diagnostics = Diagnostics(target_index=target, activations=answer.activations, columns=self._boxes)
         if view is not None:
