@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import zipfile
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ from noctule.camera import PinholeCamera
 from noctule.errors import NoctuleError
 from noctule.pilots.visual_path import KeyLink
 from noctule.vision.features import Features, detect
-from noctule.vision.matching import match_robust
+from noctule.vision.matching import Matches, match_robust
 
 FEWEST_SHARED = 16
 _VERSION = 1  # raise it when features or matching change, so that no old cache is used
@@ -31,35 +32,35 @@ def features_and_links(
     names: list[str],
     camera: PinholeCamera,
     kind: str,
+    refuse: bool = True,
 ) -> tuple[tuple[Features, ...], tuple[KeyLink, ...]]:
     """Return the features of every picture and the links between neighbours.
 
     They come from `cache` where that was made for the same `key`; otherwise they are computed and cached. A
     cache that cannot be written is done without. Raises NeighbourError when neighbours share fewer than 16
-    points.
+    points; without `refuse` such links are returned, and not cached.
     """
     key = f"{_VERSION}:{cv2.__version__}:{key}"
-    found = _load(cache, key, len(pictures), kind)
-    if found is None:
+    cached = _load(cache, key, len(pictures), kind)
+    if cached is None:
         features = tuple(detect(p, kind) for p in pictures)
-        links = tuple(
-            _link(features[i], features[i + 1], camera, names[i], names[i + 1], cache.parent)
-            for i in range(len(features) - 1)
-        )
-        _save(cache, key, features, links)
+        shared = [match_robust(a, b, camera) for a, b in pairwise(features)]
+        weak = [i for i, found in enumerate(shared) if len(found) < FEWEST_SHARED]
+        if weak and refuse:
+            raise _too_few(shared[weak[0]], names[weak[0]], names[weak[0] + 1], cache.parent)
+        links = tuple(KeyLink(found.p_ref, found.p_current) for found in shared)
+        if not weak:
+            _save(cache, key, features, links)
         return features, links
-    return found
+    return cached
 
 
-def _link(a: Features, b: Features, camera: PinholeCamera, name_a: str, name_b: str, folder: Path) -> KeyLink:
-    shared = match_robust(a, b, camera)
-    if len(shared) < FEWEST_SHARED:
-        why = f" ({shared.reason})" if shared.reason else ""
-        raise NeighbourError(
-            f"path {folder}: images {name_a} and {name_b} share {len(shared)} points{why}, at least "
-            f"{FEWEST_SHARED} are needed to fly from one to the other; take a picture between them"
-        )
-    return KeyLink(shared.p_ref, shared.p_current)
+def _too_few(shared: Matches, name_a: str, name_b: str, folder: Path) -> NeighbourError:
+    why = f" ({shared.reason})" if shared.reason else ""
+    return NeighbourError(
+        f"path {folder}: images {name_a} and {name_b} share {len(shared)} points{why}, at least "
+        f"{FEWEST_SHARED} are needed to fly from one to the other; take a picture between them"
+    )
 
 
 def _save(cache: Path, key: str, features: tuple[Features, ...], links: tuple[KeyLink, ...]) -> None:

@@ -18,18 +18,19 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 
 from noctule.camera import CameraMount, PinholeCamera
 from noctule.errors import NoctuleError
 from noctule.flight.feature_cache import features_and_links
+from noctule.flight.path_entries import CameraEntry, ImageEntry, PathFile, TruthFile
 from noctule.flight.setting_errors import explain
 from noctule.geometry import Pose
 from noctule.pilots.visual_path import KeyImage, VisualPath
-from noctule.settings import Settings
 
 FORMAT = 1
 _MOUNT_TOLERANCE = 0.05  # [m]
+_SAME_CAMERA = 0.1  # [px]
 
 
 class PathFolderError(NoctuleError):
@@ -38,52 +39,6 @@ class PathFolderError(NoctuleError):
 
 class PathCameraError(NoctuleError):
     """A path that was taken with another camera than the one that flies."""
-
-
-class CameraEntry(Settings):
-    """The camera that took the pictures."""
-
-    width: int = Field(ge=16, le=10000, description="[px]")
-    height: int = Field(ge=16, le=10000, description="[px]")
-    fx: float = Field(gt=0, le=1e5, description="[px]")
-    fy: float = Field(gt=0, le=1e5, description="[px]")
-    cx: float = Field(ge=-1e5, le=1e5, description="[px]")
-    cy: float = Field(ge=-1e5, le=1e5, description="[px]")
-    t_body_camera: tuple[float, float, float] = Field(description="place on the body, FLU [m]")
-    stabilised: bool = Field(description="pictures show neither roll nor pitch")
-
-
-class ImageEntry(Settings):
-    """One key image."""
-
-    file: str = Field(min_length=1, max_length=200, pattern=r"^[^/\\]+$", description="in this folder")
-    sha256: str = Field(pattern="^[0-9a-f]{64}$", description="of the file")
-    roll_deg: float = Field(0.0, ge=-90, le=90, description="as the vehicle reported it [deg]")
-    pitch_deg: float = Field(0.0, ge=-90, le=90, description="as the vehicle reported it [deg]")
-
-
-class PathFile(Settings):
-    """What path.toml holds."""
-
-    format: int = Field(description="version of this layout")
-    features: str = Field("sift", description="kind of feature")
-    camera: CameraEntry
-    images: tuple[ImageEntry, ...] = Field(min_length=1, max_length=1000)
-
-
-class PoseEntry(Settings):
-    """Where a key image was really taken."""
-
-    position: tuple[float, float, float]
-    yaw_deg: float
-    roll_deg: float = 0.0
-    pitch_deg: float = 0.0
-
-
-class TruthFile(Settings):
-    """What truth.toml holds."""
-
-    images: tuple[PoseEntry, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +84,7 @@ def save_path(
                 "sha256": hashlib.sha256(data).hexdigest(),
                 "roll_deg": float(np.degrees(shot.roll)),
                 "pitch_deg": float(np.degrees(shot.pitch)),
+                "intrinsics": [float(v) for v in (camera.fx, camera.fy, camera.cx, camera.cy)],
             }
             text += "\n[[images]]\n" + _toml(entry)
             if shot.truth is not None:
@@ -162,8 +118,16 @@ def _read_toml(path: Path, model: type[Any]) -> Any:
         raise PathFolderError(explain(error, model, text, f"path file {path}")) from None
 
 
-def _read_picture(folder: Path, entry: ImageEntry, camera: CameraEntry) -> NDArray[np.uint8]:
+def read_picture(folder: Path, entry: ImageEntry, camera: CameraEntry) -> NDArray[np.uint8]:
+    """Return a key image, checked; raises PathFolderError and PathCameraError."""
     where = f"path {folder}: image {entry.file}"
+    own = (camera.fx, camera.fy, camera.cx, camera.cy)
+    for name, taken, rest in zip(("fx", "fy", "cx", "cy"), entry.intrinsics or own, own, strict=True):
+        if abs(taken - rest) > _SAME_CAMERA:
+            raise PathCameraError(
+                f"{where} was taken by a camera with {name} {taken:g} px, the path's has {rest:g}; "
+                "one path needs one camera: teach it again"
+            )
     try:
         data = (folder / entry.file).read_bytes()
     except OSError as error:
@@ -187,36 +151,46 @@ def _read_picture(folder: Path, entry: ImageEntry, camera: CameraEntry) -> NDArr
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-def load_path(
-    folder: Path,
-    expected: PinholeCamera | None = None,
-    kind: str | None = None,
-    mount: CameraMount | None = None,
-) -> VisualPath:
-    """Load a path folder and check it; features and links come from its cache where that fits.
-
-    `kind` asks for another kind of feature than the path was taught with.
-
-    Raises
-    ------
-    PathFolderError
-        For another format, a missing, changed or wrongly sized picture, or neighbours that share too little.
-    PathCameraError
-        When `expected`, the camera that will fly, or its `mount` are not those that took the pictures.
-    """
+def read_path_file(folder: Path) -> PathFile:
+    """Return what path.toml of a path folder says; raises PathFolderError."""
     file: PathFile = _read_toml(folder / "path.toml", PathFile)
     if file.format != FORMAT:
         raise PathFolderError(
             f"path {folder}: its format is {file.format}, this version reads {FORMAT}; teach the path again"
         )
-    c = file.camera
-    camera = PinholeCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy)
+    return file
+
+
+def load_path(
+    folder: Path,
+    expected: PinholeCamera | None = None,
+    kind: str | None = None,
+    mount: CameraMount | None = None,
+    *,
+    refuse: bool = True,
+) -> VisualPath:
+    """Load a path folder and check it; features and links come from its cache where that fits.
+
+    `kind` asks for another kind of feature than the path was taught with. Without `refuse` neighbours may
+    share any number of points: to look at a path, not to fly it.
+
+    Raises
+    ------
+    PathFolderError
+        For another format, or a missing, changed or wrongly sized picture.
+    NeighbourError
+        When neighbours share too little.
+    PathCameraError
+        When a picture was taken with another camera than the rest, or when `expected`, the camera that will
+        fly, or its `mount` are not those that took the pictures.
+    """
+    file = read_path_file(folder)
+    camera, taken = file.camera.intrinsics, file.camera.mount
     if expected is not None:
         check_camera(camera, expected, f"path {folder}")
-    taken = CameraMount(np.array(c.t_body_camera), c.stabilised)
     if mount is not None:
         check_mount(taken, mount, f"path {folder}")
-    pictures = [_read_picture(folder, entry, c) for entry in file.images]
+    pictures = [read_picture(folder, entry, file.camera) for entry in file.images]
     names = [entry.file for entry in file.images]
     kind = kind or file.features
     key = "".join([kind, *(entry.sha256 for entry in file.images), repr(camera)])
@@ -227,6 +201,7 @@ def load_path(
         names,
         camera,
         kind,
+        refuse,
     )
     images = tuple(
         KeyImage(e.file, p, f, float(np.radians(e.roll_deg)), float(np.radians(e.pitch_deg)))
@@ -239,7 +214,7 @@ def check_camera(camera: PinholeCamera, expected: PinholeCamera, where: str) -> 
     """Raise PathCameraError unless the two cameras agree within a tenth of a pixel."""
     for name in ("width", "height", "fx", "fy", "cx", "cy"):
         taken, flying = getattr(camera, name), getattr(expected, name)
-        if abs(taken - flying) > 0.1:
+        if abs(taken - flying) > _SAME_CAMERA:
             raise PathCameraError(
                 f"{where}: it was taken by a camera with {name} {taken:g} px, the mission's has {flying:g}; "
                 "fly it with the camera that took it or teach the path again"

@@ -119,16 +119,12 @@ def _fingerprint(mission: Mission, seed: int) -> str:
     return digest.hexdigest()[:12]
 
 
-def teach(mission: Mission, seed: int, out: Path) -> Path:
-    """Return the path folder of a mission with poses, taught now or found under `out`/paths.
+def take_path(mission: Mission, seed: int, folder: Path) -> Path:
+    """Fly the poses of a mission in its room, without columns and in calm air; write the path into `folder`.
 
     Raises TeachError, PathFolderError.
     """
     assert mission.path.poses is not None
-    safe = "".join(c if c.isalnum() or c in "-_" else "-" for c in mission.name)
-    folder = out / "paths" / f"{safe}-{seed}-{_fingerprint(mission, seed)}"
-    if (folder / "path.toml").exists():
-        return folder
     room = mission.room.model_copy(update={"columns": (), "seed": seed})
     vehicle = mission.vehicle.model_copy(update={"gusts": 0.0})
     start = mission.start.pose(seed)
@@ -137,9 +133,21 @@ def teach(mission: Mission, seed: int, out: Path) -> Path:
         world.camera.open()
         rig = Rig(world.clock, world.vehicle, world.camera, world.referee)
         shots = fly_through(rig, goals, mission.limits.values(), mission.flight.rate_hz)
-        # Written beside and moved: two flights that teach the same path do not meet halfway.
-        part = folder.with_name(f"{folder.name}.{os.getpid()}")
-        save_path(part, shots, world.camera.intrinsics, world.camera.mount, mission.pilot.features)
+        save_path(folder, shots, world.camera.intrinsics, world.camera.mount, mission.pilot.features)
+    return folder
+
+
+def teach(mission: Mission, seed: int, out: Path) -> Path:
+    """Return the path folder of a mission with poses, taught now or found under `out`/paths.
+
+    Raises TeachError, PathFolderError.
+    """
+    safe = "".join(c if c.isalnum() or c in "-_" else "-" for c in mission.name)
+    folder = out / "paths" / f"{safe}-{seed}-{_fingerprint(mission, seed)}"
+    if (folder / "path.toml").exists():
+        return folder
+    # Written beside and moved: two flights that teach the same path do not meet halfway.
+    part = take_path(mission, seed, folder.with_name(f"{folder.name}.{os.getpid()}"))
     try:
         part.rename(folder)
     except OSError:
