@@ -129,7 +129,7 @@ def test_pictures_without_the_target_are_bridged_for_a_moment():
         held = law.step(scene(n * DT, previous=first.command))
         assert held.command[0] > 0.0
         assert np.isnan(held.error).all()
-    assert law.step(scene(0.32)) is None
+    assert law.step(scene(0.3 + PilotSettings().picture_latency_s + 0.02)) is None
 
 
 def test_a_sighting_that_is_refused_does_not_count_as_seen():

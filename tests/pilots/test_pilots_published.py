@@ -248,7 +248,7 @@ def test_the_last_command_is_held_for_a_moment_without_a_view_and_no_longer():
     command = still(law, 0.0).command
     for n in range(1, 10):
         assert law.step(scene_at(n * DT, {}, command, None)).command.tolist() == command.tolist()
-    assert law.step(scene_at(0.31, {}, command, None)) is None
+    assert law.step(scene_at(0.3 + PilotSettings().picture_latency_s + 0.01, {}, command, None)) is None
 
 
 def test_before_the_first_view_there_is_no_command():

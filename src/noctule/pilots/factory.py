@@ -15,6 +15,7 @@ from noctule.pilots.perception import Perception, match_key_image
 from noctule.pilots.progress import LinkGeometry
 from noctule.pilots.published import PublishedLaw, published_velocity
 from noctule.pilots.settings import PilotSettings, PublishedGains
+from noctule.pilots.stability import check_delay
 from noctule.pilots.visual import VisualPilot
 from noctule.pilots.visual_path import VisualPath
 from noctule.vision.homography import estimate_homography
@@ -73,7 +74,11 @@ LAWS: dict[str, tuple[Callable[[PilotSettings, VisualPath, Limits, Optics], Law]
 
 
 def make_pilot(settings: PilotSettings, path: VisualPath, limits: Limits, tick: float) -> Pilot:
-    """Return the pilot for a path; `tick` [s] is the time between ticks."""
+    """Return the pilot for a path; `tick` [s] is the time between ticks.
+
+    Raises LatencyError when the gains are not stable with the delays that the settings name.
+    """
+    check_delay(settings)
     optics = Optics(path.camera, path.mount)
     make_law, method = LAWS[settings.law]
     perception = Perception(path, settings, optics, method)

@@ -89,7 +89,10 @@ class NoctuleLaw:
     def step(self, scene: Scene) -> Answer | None:
         """Answer a scene; None when the target has not been in sight for too long."""
         self._observe(scene)
-        if self.target not in self.progress.targets or scene.stamp - self._seen > _COAST:
+        if (
+            self.target not in self.progress.targets
+            or scene.stamp - self._seen > _COAST + self.settings.picture_latency_s
+        ):
             return None
         view = scene.views.get(self.target)
         task = self._visibility_rows(view, scene)

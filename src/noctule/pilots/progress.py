@@ -69,8 +69,13 @@ class ProgressLaw:
     def __post_init__(self) -> None:
         """Set up the detour."""
         self.detour = Detour(
-            self.settings.detour, self.settings.body_radius, float(self.lever[0]), self.settings.vehicle_lag
+            self.settings.detour, self.settings.body_radius, float(self.lever[0]), self._answers_after
         )
+
+    @property
+    def _answers_after(self) -> float:
+        """How long the vehicle goes on as it goes now [s]: its lag, and what a command takes to arrive."""
+        return self.settings.vehicle_lag + self.settings.command_latency_s
 
     @property
     def last(self) -> int:
@@ -164,7 +169,7 @@ class ProgressLaw:
         stopping = self.k == self.last or (segment.along < self._switch_distance())
         gains = self.settings.progress
         if stopping:
-            v = stop_velocity(segment, gains, self.limits, self.settings.vehicle_lag)
+            v = stop_velocity(segment, gains, self.limits, self._answers_after)
         else:
             v = cruise_velocity(segment, gains)
         goal = segment.to_target[:2] if stopping else None
@@ -179,7 +184,7 @@ class ProgressLaw:
 
     def _next_known(self, pose: OdometryPose) -> bool:
         ahead = self.targets.get(self.k + 1)
-        return ahead is not None and pose.stamp - ahead.stamp < 0.5
+        return ahead is not None and pose.stamp - ahead.stamp < 0.5 + self.settings.picture_latency_s
 
     def _body_position(self, target: TargetEstimate) -> Array:
         return np.asarray(target.position - rot_z(target.yaw) @ self.lever)

@@ -93,7 +93,7 @@ class PublishedLaw:
         view = scene.views.get(self.k)
         if view is None:
             # A tick without a picture holds the command; more of them are the pilot's business.
-            if scene.stamp - self._seen <= _COAST:
+            if scene.stamp - self._seen <= _COAST + self.settings.picture_latency_s:
                 return Answer(scene.previous.copy())
             self.transition = None  # the hover that follows leaves no command worth blending from
             return None

@@ -89,6 +89,12 @@ class PilotSettings(Settings):
     )
     body_radius: float = Field(0.2, gt=0, le=1, description="half the width of the vehicle [m]")
     vehicle_lag: float = Field(0.3, gt=0, le=2, description="response time of the vehicle [s]")
+    picture_latency_s: float = Field(
+        0.034, ge=0, le=2, description="known age of a picture when it arrives [s]"
+    )
+    command_latency_s: float = Field(
+        0.0, ge=0, le=2, description="known time from a command to its effect, beside the lag [s]"
+    )
     attitude_sd_deg: float = Field(
         0.0, ge=0, le=5, description="error of the attitude that comes with a picture [deg]; 0: stabilised"
     )
@@ -101,7 +107,9 @@ class PilotSettings(Settings):
     )
     rematch_s: float = Field(0.7, gt=0, le=10, description="time between matches to the key image [s]")
     give_up_s: float = Field(6.0, gt=0, le=120, description="lost for this long: give up [s]")
-    picture_max_age_s: float = Field(0.3, gt=0, le=5, description="older pictures are not flown on [s]")
+    picture_max_age_s: float = Field(
+        0.3, gt=0, le=5, description="pictures that are late by more than this are not flown on [s]"
+    )
 
     @model_validator(mode="after")
     def _enough_points(self) -> Self:

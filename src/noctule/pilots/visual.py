@@ -64,7 +64,8 @@ class VisualPilot:
             return self._hover(scene, None)
         if self._sweep is not None:
             return self._find_start(scene, self._sweep)
-        blind = observation.stamp - self.perception.picture_stamp > self.settings.picture_max_age_s
+        oldest = self.settings.picture_max_age_s + self.settings.picture_latency_s
+        blind = observation.stamp - self.perception.picture_stamp > oldest
         answer = None
         if blind:
             self.law.pause(scene)
