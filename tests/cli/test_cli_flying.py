@@ -126,6 +126,19 @@ def test_each_seed_of_an_experiment_draws_its_own_mission(noctule, monkeypatch):
     assert asked["missions"][0].room != asked["missions"][1].room
 
 
+def test_the_oval_is_flown_with_the_options_asked(noctule, flown):
+    from noctule.experiments import OvalOptions
+    from noctule.experiments.oval import OVALS
+
+    noctule("experiment", "servo-5.3", "--laps", "3", "--latency", "0.2", "--columns", "--seed", "4")
+    noctule("experiment", "servo-5.3-ff", "--law", "published", "--seed", "4")
+    asked = OvalOptions(laps=3, latency_s=0.2, columns=True)
+    assert flown.missions == [
+        OVALS["servo-5.3"].mission(4, options=asked),
+        OVALS["servo-5.3-ff"].mission(4, "published"),
+    ]
+
+
 def test_ctrl_c_in_flight_is_130_and_keeps_what_was_written(noctule, flown):
     flown.error = Aborted("flight: ended by Ctrl-C after 3.0 s")
     said = noctule("fly", "--json", "--out", "here")

@@ -53,6 +53,26 @@ COMMANDS = "fly, missions, experiment, report, doctor"
             ["experiment", "servo-5.1", "--attitude-sd", "-1"],
             "--attitude-sd: input should be greater than or equal to 0, found -1.0",
         ),
+        (
+            ["experiment", "servo-5.1", "--laps", "2"],
+            "--laps belongs to servo-5.3 and servo-5.3-ff, found with servo-5.1; leave it out",
+        ),
+        (
+            ["experiment", "servo-5.2", "--latency", "0.1"],
+            "--latency belongs to servo-5.3 and servo-5.3-ff, found with servo-5.2; leave it out",
+        ),
+        (
+            ["experiment", "servo-5.2", "--columns", "--seeds", "0:2"],
+            "--columns belongs to servo-5.3 and servo-5.3-ff, found with servo-5.2; leave it out",
+        ),
+        (
+            ["experiment", "servo-5.3", "--laps", "0"],
+            "--laps: input should be greater than or equal to 1, found 0",
+        ),
+        (
+            ["experiment", "servo-5.3", "--latency", "-0.1"],
+            "--latency: input should be greater than or equal to 0, found -0.1",
+        ),
         (["fly", "--attitude-sd", "nan"], "--attitude-sd: input should be a finite number, found nan"),
         (["fly", "--time-limit", "-3"], "--time-limit: input should be greater than 0, found -3.0"),
         (["fly", "two-colums"], "there is no mission 'two-colums'; did you mean two-columns?"),
@@ -70,8 +90,8 @@ COMMANDS = "fly, missions, experiment, report, doctor"
         ),
         (
             ["experiment", "servo-5"],
-            'invalid value "servo-5" for NAME. Choose from: "servo-5.1", "servo-5.2". '
-            'Did you mean "servo-5.2"?; see `noctule experiment --help`',
+            'invalid value "servo-5" for NAME. Choose from: "servo-5.1", "servo-5.2", "servo-5.3", '
+            '"servo-5.3-ff". Did you mean "servo-5.3"?; see `noctule experiment --help`',
         ),
         (
             ["experiment"],

@@ -96,7 +96,7 @@ def test_an_unknown_key_is_told_with_the_nearest_known_one():
         == "my.toml:4: unknown key flight.rate_hx; did you mean rate_hz?"
     )
     assert mistakes("[path]\nzzz = 1\nfolder = 'a'\n") == (
-        "my.toml:2: unknown key path.zzz; expected one of folder, poses"
+        "my.toml:2: unknown key path.zzz; expected one of curve, folder, laps, poses, reverse"
     )
 
 
@@ -280,3 +280,32 @@ def test_missions_are_packaged_as_files_that_a_person_can_copy(tmp_path):
     copy = tmp_path / "mine.toml"
     copy.write_text(source.read_text("utf-8"))
     assert load_mission(copy) == load_mission("two-columns")
+
+
+def test_a_path_is_flown_once_from_its_first_image_unless_the_mission_says_otherwise():
+    def route(more):
+        return parse_mission(PATH + more, "my.toml").path.route(3)
+
+    assert route("") == (0, 1, 2)
+    assert route("laps = 2\n") == (0, 1, 2, 0, 1, 2)
+    assert route("reverse = true\n") == (2, 1, 0)
+    assert route("laps = 2\nreverse = true\n") == (2, 1, 0, 2, 1, 0)
+
+
+def test_laps_and_reverse_outlive_the_reading_of_a_file_with_a_folder(tmp_path):
+    (tmp_path / "my.toml").write_text("[path]\nfolder = 'walk'\nlaps = 3\nreverse = true\n")
+    path = load_mission(tmp_path / "my.toml").path
+    assert (path.folder, path.laps, path.reverse) == (tmp_path / "walk", 3, True)
+
+
+def test_laps_and_the_curve_have_a_range():
+    assert mistakes(PATH + "laps = 0\n") == (
+        "my.toml:3: path.laps is 0; expected 1 to 100 (a closed path is flown this often without a stop)"
+    )
+    assert "path.curve[0][0] is -1.0; expected " in mistakes(PATH + "curve = [[-1.0, 0.0]]\n")
+
+
+def test_the_supervisor_takes_pictures_as_late_as_the_mission_allows_beside_their_latency():
+    assert parse_mission(PATH, "my.toml").bounds.picture_age == pytest.approx(0.534)
+    more = "[flight]\npicture_max_age_s = 0.8\n[pilot]\npicture_latency_s = 0.2\n"
+    assert parse_mission(PATH + more, "my.toml").bounds.picture_age == pytest.approx(1.0)

@@ -30,6 +30,7 @@ from noctule.flight.replay import recorded_mission, recorded_path, replay
 from noctule.flight.summary import summary_of
 from noctule.flight.teach import TeachError
 from noctule.geometry import wrap_angle
+from noctule.pilots.route import RouteError
 
 MISSION = """
 name = "short walk"
@@ -255,3 +256,35 @@ def test_the_law_and_the_seed_of_the_command_line_win(mission):
     kept = settled(mission, None, None)
     assert (kept.pilot.law, kept.flight.seed) == ("noctule", 0)
     assert changed.text == mission.text
+
+
+def test_laps_are_flown_recorded_and_replayed_bit_for_bit(tmp_path):
+    there_and_back = MISSION.replace("[path]\n", "[path]\nlaps = 2\nreverse = true\n")
+    mission = parse_mission(there_and_back, "laps.toml")
+    result = fly_mission(mission, 3, tmp_path, progress=False)
+    recording = read_recording(result.recording)
+    # Two images, twice, from the last to the first.
+    names = [i.name for i in recorded_path(recording).images]
+    assert names == ["001.png", "000.png", "001.png", "000.png"]
+    poses = json.loads(recording.notes["truth"]["key_poses"])
+    assert poses[0] == poses[2] != poses[1] == poses[3]
+    assert replay(recording).exact
+    assert result.summary["cross_track_max_m"] >= result.summary["cross_track_mean_m"] > 0.0
+    assert len(result.summary["laps"]) >= 1
+    bare = replace(recording, notes={k: v for k, v in recording.notes.items() if k != "summary"})
+    known = {
+        k: v for k, v in summary_of(bare).items() if k in ("laps", "cross_track_max_m", "position_error_m")
+    }
+    assert known == {k: result.summary[k] for k in known}
+
+
+def test_laps_over_a_path_that_does_not_close_are_refused_before_the_flight(tmp_path):
+    turned = MISSION.replace(
+        "[0.8, -0.1, 1.1, 8.0]",
+        "[0.55, 0.0, 1.0, 20.0], [0.55, 0.0, 1.0, 40.0], "
+        "[0.55, 0.0, 1.0, 60.0], [0.55, 0.0, 1.0, 80.0], [0.55, 0.0, 1.0, 100.0]",
+    )
+    mission = parse_mission(turned.replace("[path]\n", "[path]\nlaps = 2\n"), "laps.toml")
+    with pytest.raises(RouteError, match=r"^route: image '000\.png' cannot follow '005\.png', they show"):
+        fly_mission(mission, 3, tmp_path, progress=False)
+    assert not (tmp_path / "flight.mcap").exists()

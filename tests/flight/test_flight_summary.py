@@ -11,6 +11,7 @@ import pytest
 from flight_fakes import FakeWorld, ScriptedPilot, no_match
 
 from noctule.flight.loop import LoopSettings, fly
+from noctule.flight.mission import Mission
 from noctule.flight.reader import read_recording
 from noctule.flight.recording import FlightRecorder
 from noctule.flight.summary import (
@@ -18,6 +19,7 @@ from noctule.flight.summary import (
     command_steps,
     errors_at_end,
     pool,
+    reference_of,
     samples_of,
     summarise,
     summary_of,
@@ -28,7 +30,8 @@ from noctule.messages import Command, Decision, Diagnostics, Outcome, Truth
 
 KEYS = {
     "outcome", "reason", "duration_s", "position_error_m", "yaw_error_deg", "epsilon_px", "min_clearance_m",
-    "max_command_step", "tick_ms", "realtime_factor", "recording", "report",
+    "max_command_step", "tick_ms", "realtime_factor", "cross_track_max_m", "cross_track_mean_m", "laps",
+    "recording", "report",
 }  # fmt: skip
 
 
@@ -170,6 +173,77 @@ def test_pooled_figures_are_rates_medians_and_extremes():
     assert pooled["min_clearance_m"] == 0.1
     assert pooled["max_command_step"] == {"linear": 0.03, "angular": 0.06}
     assert pooled["realtime_factor"] == 4.0
+
+
+def test_pooled_cross_track_is_the_largest_of_all_and_the_median_of_the_means():
+    def lap(most: float, mean: float, duration: float) -> dict[str, float]:
+        return {"cross_track_max_m": most, "cross_track_mean_m": mean, "duration_s": duration}
+
+    runs = [
+        run(
+            cross_track_max_m=0.3, cross_track_mean_m=0.01, laps=[lap(0.3, 0.01, 25.0), lap(0.1, 0.02, 26.0)]
+        ),
+        run(cross_track_max_m=0.1, cross_track_mean_m=0.02, laps=[lap(0.1, 0.02, 27.0)]),
+        run(cross_track_max_m=0.2, cross_track_mean_m=0.06, laps=[lap(0.2, 0.06, 29.0)]),
+        run("aborted"),
+    ]
+    pooled = pool(runs)
+    assert (pooled["cross_track_max_m"], pooled["cross_track_mean_m"]) == (0.3, 0.02)
+    # A lap that a flight did not get to does not count there.
+    assert pooled["laps"] == [lap(0.3, 0.02, 27.0), lap(0.1, 0.02, 26.0)]
+    assert pool([run()])["laps"] is None
+
+
+def test_runs_of_a_version_that_knew_no_cross_track_can_still_be_pooled():
+    old = {k: v for k, v in run().items() if k not in ("cross_track_max_m", "cross_track_mean_m", "laps")}
+    pooled = pool([old])
+    assert (pooled["cross_track_max_m"], pooled["cross_track_mean_m"], pooled["laps"]) == (None, None, None)
+
+
+def on_the_way(*y: float, images: int = 9) -> Samples:
+    samples = Samples(sent=[Command()])
+    for i, off in enumerate(y):
+        samples.times.append(float(i))
+        samples.targets.append(min(i, images - 1))
+        samples.truths.append(Truth(float(i), Pose(np.array([0.5 * i, off, 1.0]), 0.0), np.zeros(3), 1.0))
+    return samples
+
+
+def mission_with(**path: object) -> Mission:
+    return Mission.model_validate({"path": {"poses": [[1, 0, 1, 0], [1, 1, 1, 90]], **path}})
+
+
+def test_a_flight_is_judged_against_the_lines_through_the_true_poses():
+    truths = [Pose(np.array([1.0, 0.0, 1.0]), 0.0), Pose(np.array([1.0, 1.0, 1.0]), 0.0)]
+    reference = reference_of(mission_with(), truths)
+    summary = summarise(on_the_way(0.1, -0.2, 0.3, images=2), None, "reached", "", None, reference)
+    # The start and the first image are joined too; the last point lies on the second line, in the one lap.
+    assert summary["cross_track_max_m"] == pytest.approx(0.2)
+    assert summary["cross_track_mean_m"] == pytest.approx(0.1)
+    assert [lap["duration_s"] for lap in summary["laps"]] == [2.0]
+
+
+def test_a_flight_is_judged_against_the_missions_curve_where_it_has_one():
+    truths = [Pose(np.array([1.0, 0.0, 1.0]), 0.0)] * 4
+    reference = reference_of(mission_with(curve=[[3.0, 0.0]], laps=2), truths)
+    summary = summarise(on_the_way(0.1, -0.2, 0.3), None, "reached", "", None, reference)
+    assert summary["cross_track_max_m"] == pytest.approx(0.3)
+    assert [lap["cross_track_max_m"] for lap in summary["laps"]] == pytest.approx([0.2, 0.3])
+
+
+def test_without_the_truth_there_is_nothing_to_be_judged_against():
+    assert reference_of(mission_with(curve=[[3.0, 0.0]]), ()) is None
+
+
+def test_a_recording_with_its_mission_has_its_cross_track_even_when_it_was_cut_short(flight):
+    recording = read_recording(Path(flight[0]["recording"]))
+    files = {"mission.json": mission_with().model_dump_json().encode()}
+    truth_only = {"truth": {"key_poses": "[[1, 0, 1, 0, 0, 0], [1, 1, 1, 0, 0, 0]]"}}
+    cut = dataclasses.replace(recording, notes=truth_only, files=files, ticks=recording.ticks[:20])
+    summary = summary_of(cut)
+    assert 0.0 <= summary["cross_track_mean_m"] <= summary["cross_track_max_m"] < 0.2
+    assert len(summary["laps"]) == 1
+    assert summary_of(dataclasses.replace(cut, files={}))["cross_track_max_m"] is None
 
 
 def test_without_recordings_the_pooled_ticks_are_cautious():

@@ -37,11 +37,24 @@ def test_the_table_follows_the_summary_to_the_last_printed_digit(error):
 
 
 def test_figures_that_only_some_flights_have_are_added_at_the_end():
-    rows = flight_rows({**SUMMARY, "cross_track_m": {"mean": 0.01234, "max": 0.0567}, "laps": 2})
+    rows = flight_rows({**SUMMARY, "cross_track_m": {"mean": 0.01234, "max": 0.0567}, "rounds": 2})
     assert [(row.label, row.value) for row in rows[-2:]] == [
         ("cross track m", "mean 0.01234, max 0.0567"),
-        ("laps", "2"),
+        ("rounds", "2"),
     ]
+
+
+def test_the_distance_from_the_path_and_the_laps_are_told_where_they_are_known():
+    lap = {"cross_track_max_m": 0.05, "cross_track_mean_m": 0.01, "duration_s": 25.04}
+    known = {"cross_track_max_m": 0.06, "cross_track_mean_m": 0.012}
+    told = values({**SUMMARY, **known, "laps": [lap, {**lap, "cross_track_max_m": 0.06}]})
+    assert told["Largest distance from the path"] == "0.060 m"
+    assert told["Mean distance from the path"] == "0.012 m"
+    assert told["Lap 1"] == "25.0 s, 0.010 m from the path on average, 0.050 m at most"
+    assert told["Lap 2"].endswith("0.060 m at most")
+    # A single lap is the flight, and without the truth there is nothing to tell.
+    assert "Lap 1" not in values({**SUMMARY, **known, "laps": [lap]})
+    assert values({**SUMMARY, "cross_track_max_m": None, "laps": None}) == values(SUMMARY)
 
 
 @pytest.mark.parametrize("value", [None, math.nan, math.inf])

@@ -75,6 +75,9 @@ def failed_run(seed: int, reason: str) -> Run:
         "max_command_step": {"linear": None, "angular": None},
         "tick_ms": {"median": None, "p95": None},
         "realtime_factor": None,
+        "cross_track_max_m": None,
+        "cross_track_mean_m": None,
+        "laps": None,
         "recording": None,
         "report": None,
     }

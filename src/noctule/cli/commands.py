@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from noctule.cli.options import Flag, Seed
 
 Law = Literal["noctule", "published"]
-Experiment = Literal["servo-5.1", "servo-5.2"]
+Experiment = Literal["servo-5.1", "servo-5.2", "servo-5.3", "servo-5.3-ff"]
 NoReport = Annotated[bool, Parameter(name="--report", negative="--no-report")]
 
 
@@ -69,6 +69,9 @@ def experiment(
     *,
     law: Law = "noctule",
     attitude_sd: float = 0.0,
+    laps: int | None = None,
+    latency: float | None = None,
+    columns: Flag = False,
     seed: Seed = None,
     seeds: str | None = None,
     time_limit: float | None = None,
@@ -81,11 +84,18 @@ def experiment(
     Parameters
     ----------
     name
-        servo-5.1: one target past one column. servo-5.2: four images past two columns.
+        servo-5.1: one target past one column. servo-5.2: four images past two columns. servo-5.3: a closed
+        oval of 7.7 m, 30 images. servo-5.3-ff: the same, 35 images, the published law with feed-forward.
     law
         The control law: noctule, or the published one with its errata mended.
     attitude_sd
         Take the camera off its gimbal and let the drone know its roll and pitch this well [deg].
+    laps
+        Fly the oval this often without a stop; servo-5.3 and servo-5.3-ff only.
+    latency
+        Deliver every picture so much later than the camera does anyway [s]; servo-5.3 and servo-5.3-ff only.
+    columns
+        Stand a column on each straight of the oval; servo-5.3 and servo-5.3-ff only.
     seed
         What this number draws: textures, furniture, columns, start, noise, gusts. Left out, 0.
     seeds
@@ -102,10 +112,11 @@ def experiment(
     from functools import partial
 
     from noctule.cli.flights import Asked, fly_asked, one_seed
-    from noctule.cli.overrides import of_experiment
+    from noctule.cli.overrides import of_experiment, oval_options
 
     number = one_seed(seed, seeds, 0)
-    make = partial(of_experiment, name, law, attitude_sd, time_limit)
+    options = oval_options(name, laps, latency, columns)
+    make = partial(of_experiment, name, law, attitude_sd, time_limit, options)
     return fly_asked(Asked(f"{name}-{law}", make, number, seeds, out, report, json))
 
 

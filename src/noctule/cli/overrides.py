@@ -9,6 +9,7 @@ from noctule.errors import NoctuleError
 from noctule.settings import Settings
 
 if TYPE_CHECKING:
+    from noctule.experiments import OvalOptions
     from noctule.flight.mission import Mission
 
 Group = TypeVar("Group", bound=Settings)
@@ -16,6 +17,10 @@ Group = TypeVar("Group", bound=Settings)
 
 class OptionValueError(NoctuleError):
     """An option whose value the mission does not accept."""
+
+
+class OtherExperimentError(NoctuleError):
+    """An option of another experiment."""
 
 
 def changed(
@@ -61,15 +66,56 @@ def as_it_is(mission: Mission, seed: int) -> Mission:
     return mission
 
 
+def oval_options(name: str, laps: int | None, latency_s: float | None, columns: bool) -> OvalOptions | None:
+    """Return what is asked of the flight over the oval; None for an experiment without one.
+
+    Raises
+    ------
+    OptionValueError
+        When a value is out of range.
+    OtherExperimentError
+        When an option is given that the experiment does not have.
+    """
+    from noctule.experiments import EXPERIMENTS, OvalExperiment, OvalOptions
+
+    given: dict[str, tuple[str, object]] = {}
+    if laps is not None:
+        given["--laps"] = ("laps", laps)
+    if latency_s is not None:
+        given["--latency"] = ("latency_s", latency_s)
+    if columns:
+        given["--columns"] = ("columns", True)
+    if not isinstance(EXPERIMENTS[name], OvalExperiment):
+        ovals = [n for n, e in EXPERIMENTS.items() if isinstance(e, OvalExperiment)]
+        for option in given:
+            raise OtherExperimentError(
+                f"{option} belongs to {' and '.join(ovals)}, found with {name}; leave it out"
+            )
+        return None
+    options = OvalOptions()
+    for option, (field, value) in given.items():
+        options = _with(options, option, **{field: value})
+    return options
+
+
 def of_experiment(
-    name: str, law: str, attitude_sd_deg: float, time_limit_s: float | None, seed: int
+    name: str,
+    law: str,
+    attitude_sd_deg: float,
+    time_limit_s: float | None,
+    options: OvalOptions | None,
+    seed: int,
 ) -> Mission:
     """Return the mission of an experiment of the papers; each seed draws its own."""
-    from noctule.experiments import EXPERIMENTS
+    from noctule.experiments import EXPERIMENTS, OvalExperiment
     from noctule.pilots import PilotSettings
 
     # Asked here first, where a value out of range is one line.
     pilot = _with(PilotSettings(), "--attitude-sd", attitude_sd_deg=attitude_sd_deg)
     pilot = _with(pilot, "--law", law=law)
-    mission = EXPERIMENTS[name].mission(seed, pilot.law, pilot.attitude_sd_deg)
+    experiment = EXPERIMENTS[name]
+    if isinstance(experiment, OvalExperiment) and options is not None:
+        mission = experiment.mission(seed, pilot.law, pilot.attitude_sd_deg, options)
+    else:
+        mission = experiment.mission(seed, pilot.law, pilot.attitude_sd_deg)
     return changed(mission, time_limit_s=time_limit_s)

@@ -155,6 +155,7 @@ class _Loop:
         flown.samples.times.append(self.stamp)
         flown.samples.tick_ms.append(tick_ms)
         flown.samples.epsilons.append(decision.diagnostics.epsilon_px)
+        flown.samples.targets.append(decision.diagnostics.target_index)
         truth = self.record(state, picture, matches, ruling, sent, decision, tick_ms)
         self.judge(flown, decision, ruling, truth)
 

@@ -16,6 +16,7 @@ from noctule.flight.fence import Fence
 from noctule.flight.setting_errors import explain
 from noctule.flight.supervisor import Bounds
 from noctule.geometry import Pose, wrap_angle
+from noctule.pilots.route import backwards, laps
 from noctule.pilots.settings import PilotSettings
 from noctule.settings import Settings
 from noctule.simulation.spec import CameraSpec, LimitsSpec, RoomSpec, VehicleSpec
@@ -27,6 +28,9 @@ PathPose = Annotated[
     tuple[Annotated[float, Field(ge=-360.0, le=360.0)], ...], Field(min_length=4, max_length=4)
 ]
 """x, y, z [m] and heading [deg]."""
+
+CurvePiece = tuple[Annotated[float, Field(gt=0.0, le=1000.0)], Annotated[float, Field(ge=-100.0, le=100.0)]]
+"""Length [m] and curvature [1/m], positive to the left."""
 
 
 class MissionFileError(NoctuleError):
@@ -69,12 +73,26 @@ class PathSettings(Settings):
     poses: tuple[PathPose, ...] | None = Field(
         None, min_length=1, max_length=500, description="x, y, z [m] and heading [deg] of each key image"
     )
+    laps: int = Field(1, ge=1, le=100, description="a closed path is flown this often without a stop")
+    reverse: bool = Field(False, description="from the last image to the first, tail first")
+    curve: tuple[CurvePiece, ...] | None = Field(
+        None,
+        min_length=1,
+        max_length=200,
+        description="pieces of the true curve from the start: length [m], curvature [1/m]; only the judge "
+        "reads it, without it straight lines through the true poses hold",
+    )
 
     @model_validator(mode="after")
     def _one_of_both(self) -> Self:
         if (self.folder is None) == (self.poses is None):
             raise ValueError("give either a folder of key images or the poses to take them from")
         return self
+
+    def route(self, n_images: int) -> tuple[int, ...]:
+        """Return the indices of the path's images in the order in which they are flown."""
+        forward = laps(n_images, self.laps)
+        return backwards(forward) if self.reverse else forward
 
 
 class FenceSettings(Settings):
@@ -127,6 +145,9 @@ class FlightSettings(Settings):
     match_delay_s: float = Field(
         0.15, ge=0.0, le=5.0, description="simulated delay of the matching worker [s]"
     )
+    picture_max_age_s: float = Field(
+        0.5, gt=0.0, le=5.0, description="pictures that are late by more: the supervisor hovers [s]"
+    )
     seed: int = Field(0, ge=0, description="draws what the mission leaves open")
     land: bool = Field(False, description="land at the end, or stay in hover")
 
@@ -163,7 +184,11 @@ class Mission(Settings):
     @property
     def bounds(self) -> Bounds:
         """What the supervisor holds the flight to."""
-        return Bounds(limits=self.limits.values(), fence=self.fence.values(self.room))
+        return Bounds(
+            limits=self.limits.values(),
+            fence=self.fence.values(self.room),
+            picture_age=self.flight.picture_max_age_s + self.pilot.picture_latency_s,
+        )
 
 
 def parse_mission(text: str, name: str, base: Path | None = None) -> Mission:
@@ -182,7 +207,9 @@ def parse_mission(text: str, name: str, base: Path | None = None) -> Mission:
         raise MissionFileError(explain(error, Mission, text, name)) from None
     folder = mission.path.folder
     if folder is not None and base is not None:
-        mission = mission.model_copy(update={"path": PathSettings(folder=base / folder)})
+        mission = mission.model_copy(
+            update={"path": mission.path.model_copy(update={"folder": base / folder})}
+        )
     mission._text = text
     return mission
 

@@ -25,11 +25,12 @@ from noctule.flight.path_folder import load_path, load_truth
 from noctule.flight.progress import flight_progress
 from noctule.flight.recording import FlightRecorder
 from noctule.flight.rig import Rig
-from noctule.flight.summary import summarise
+from noctule.flight.summary import reference_of, summarise
 from noctule.flight.teach import teach
 from noctule.geometry import Pose
 from noctule.messages import FlightState, MatchResult, Observation, Picture, VehicleState
 from noctule.pilots import make_matcher, make_pilot
+from noctule.pilots.route import unroll
 from noctule.pilots.visual_path import VisualPath
 from noctule.simulation import SimulatedWorld
 
@@ -77,11 +78,14 @@ def fly_mission(
 def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
     seed = mission.flight.seed
     folder = mission.path.folder or teach(mission, seed, out)
-    path = load_path(folder, mission.camera.intrinsics, mission.pilot.features, mission.camera.mount)
-    truth = load_truth(folder)
+    taught = load_path(folder, mission.camera.intrinsics, mission.pilot.features, mission.camera.mount)
+    route = mission.path.route(len(taught.images))
+    path, truth = unroll(taught, route), load_truth(folder)
+    if truth is not None:
+        truth = tuple(truth[k] for k in route)
     pilot = make_pilot(mission.pilot, path, mission.limits.values(), 1.0 / mission.flight.rate_hz)
     matcher = make_matcher(mission.pilot, path)
-    warm_up(mission, path)
+    warm_up(mission, taught)
     settings = LoopSettings(
         mission.flight.rate_hz,
         mission.flight.time_limit_s,
@@ -108,7 +112,7 @@ def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
             # Dead reckoning begins where the mission says, not where the seed really put it.
             start = mission.start.nominal
             flown = fly(rig, pilot, matcher, settings, mission.bounds, recorder, show, start)
-        summary = _sum_up(flown, truth)
+        summary = _sum_up(flown, mission, truth)
         noted = {name: json.dumps(value) for name, value in summary.items()}
         summary["recording"] = str(recording)
         _write_summary(out / "summary.json", summary)
@@ -214,9 +218,10 @@ def _zipped(folder: Path) -> bytes:
     return target.getvalue()
 
 
-def _sum_up(flown: Flown, truth: tuple[Pose, ...] | None) -> dict[str, Any]:
-    goal = truth[-1] if truth else None
-    return summarise(flown.samples, goal, str(flown.outcome), flown.reason, flown.realtime_factor)
+def _sum_up(flown: Flown, mission: Mission, truth: tuple[Pose, ...] | None) -> dict[str, Any]:
+    goal, reference = truth[-1] if truth else None, reference_of(mission, truth or ())
+    outcome = str(flown.outcome)
+    return summarise(flown.samples, goal, outcome, flown.reason, flown.realtime_factor, reference)
 
 
 def _write_summary(path: Path, summary: dict[str, Any]) -> None:

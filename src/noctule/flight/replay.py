@@ -16,6 +16,7 @@ from noctule.flight.path_folder import load_path
 from noctule.flight.reader import Recording, RecordingFileError
 from noctule.messages import Pilot
 from noctule.pilots import make_pilot
+from noctule.pilots.route import unroll
 from noctule.pilots.visual_path import VisualPath
 
 
@@ -58,7 +59,7 @@ def recorded_mission(recording: Recording) -> Mission:
 
 
 def recorded_path(recording: Recording, kind: str | None = None) -> VisualPath:
-    """Return the visual path that was flown; raises RecordingFileError, PathFolderError."""
+    """Return the visual path that was flown, laps and all; raises RecordingFileError, PathFolderError."""
     try:
         archive = zipfile.ZipFile(io.BytesIO(recording.files.get("path.zip", b"")))
     except zipfile.BadZipFile:
@@ -68,7 +69,8 @@ def recorded_path(recording: Recording, kind: str | None = None) -> VisualPath:
         ) from None
     with archive, tempfile.TemporaryDirectory(prefix="noctule-path-") as folder:
         archive.extractall(folder)
-        return load_path(Path(folder), kind=kind)
+        taught = load_path(Path(folder), kind=kind)
+    return unroll(taught, recorded_mission(recording).path.route(len(taught.images)))
 
 
 def replay_through(recording: Recording, pilot: Pilot) -> Replay:

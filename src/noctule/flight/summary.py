@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from noctule.flight.codec import decode_pose
+from noctule.flight.cross_track import Reference, cross_track, level_curve, polyline
+from noctule.flight.mission import Mission
 from noctule.flight.reader import Recording, Tick, read_recording
 from noctule.geometry import Array, Pose, wrap_angle
 from noctule.messages import Command, Outcome, Truth
@@ -49,6 +52,7 @@ class Samples:
     times: list[float] = field(default_factory=list)  # [s], the ticks at which the pilot was asked
     tick_ms: list[float] = field(default_factory=list)  # [ms], the same ticks
     epsilons: list[float] = field(default_factory=list)  # [px], the same ticks
+    targets: list[int] = field(default_factory=list)  # index of the image flown to, the same ticks
     truths: list[Truth] = field(default_factory=list)  # the same ticks, empty without a referee
     sent: list[Command] = field(default_factory=list)  # all ticks, the braking at the end included
 
@@ -62,16 +66,23 @@ def samples_of(ticks: Sequence[Tick]) -> Samples:
             samples.times.append(tick.stamp)
             samples.tick_ms.append(tick.tick_ms)
             samples.epsilons.append(tick.decision.diagnostics.epsilon_px)
+            samples.targets.append(tick.decision.diagnostics.target_index)
             if tick.truth is not None:
                 samples.truths.append(tick.truth)
     return samples
 
 
 def summarise(
-    samples: Samples, goal: Pose | None, outcome: str, reason: str, realtime_factor: float | None
+    samples: Samples,
+    goal: Pose | None,
+    outcome: str,
+    reason: str,
+    realtime_factor: float | None,
+    reference: Reference | None = None,
 ) -> dict[str, Any]:
     """Return the figures of a flight; `goal` is where the last key image was really taken.
 
+    `reference` is the curve that the body was to follow, None where nobody knows it.
     Time runs from the pilot's first tick to its last; the pose at the end is the true one at that last tick.
     """
     epsilons = [e for e in samples.epsilons if np.isfinite(e)]
@@ -79,6 +90,7 @@ def summarise(
     distance, turn = errors_at_end(samples.truths[-1] if samples.truths else None, goal)
     linear, angular = command_steps(np.array([c.as_array() for c in samples.sent]).reshape(-1, 4))
     times = samples.tick_ms
+    positions = np.array([t.pose.position for t in samples.truths]).reshape(-1, 3)
     return {
         "outcome": outcome,
         "reason": reason,
@@ -93,15 +105,41 @@ def summarise(
             "p95": float(np.percentile(times, 95)) if times else None,
         },
         "realtime_factor": realtime_factor,
+        **cross_track(reference, samples.times, positions, samples.targets),
         "recording": None,
         "report": None,
     }
 
 
-def goal_of(recording: Recording) -> Pose | None:
-    """Return where the last key image was really taken, if the recording says."""
+def reference_of(mission: Mission, truth: Sequence[Pose]) -> Reference | None:
+    """Return what a flight is judged against; `truth` holds the true pose of each image of its route.
+
+    The mission's curve, or straight lines from the start through those poses; None where nobody knows them.
+    """
+    if not truth:
+        return None
+    start, images = mission.start.nominal, len(truth) // mission.path.laps
+    if mission.path.curve is not None:
+        return Reference(level_curve(start, mission.path.curve), images)
+    return Reference(polyline([start.position, *(pose.position for pose in truth)]), images)
+
+
+def truth_of(recording: Recording) -> tuple[Pose, ...]:
+    """Return where the images of the route were really taken; empty where the recording does not say."""
     poses = json.loads(recording.notes.get("truth", {}).get("key_poses", "[]"))
-    return decode_pose(json.dumps(poses[-1])) if poses else None
+    return tuple(decode_pose(json.dumps(pose)) for pose in poses)
+
+
+def _worked_out(recording: Recording) -> dict[str, Any]:
+    truth = truth_of(recording)
+    try:
+        mission = Mission.model_validate_json(recording.files.get("mission.json", b""))
+    except ValidationError:  # of another version: all the other figures can still be told
+        reference = None
+    else:
+        reference = reference_of(mission, truth)
+    goal = truth[-1] if truth else None
+    return summarise(samples_of(recording.ticks), goal, *_outcome_of(recording), None, reference)
 
 
 def summary_of(recording: Recording) -> dict[str, Any]:
@@ -113,7 +151,7 @@ def summary_of(recording: Recording) -> dict[str, Any]:
     if noted is not None:
         summary = {name: json.loads(value) for name, value in noted.items()}
     else:
-        summary = summarise(samples_of(recording.ticks), goal_of(recording), *_outcome_of(recording), None)
+        summary = _worked_out(recording)
     return {**summary, "recording": str(recording.path)}
 
 
@@ -131,8 +169,9 @@ def pool(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
     `outcome` becomes the rate of each outcome. `min_clearance_m` is the least and `max_command_step` the
     largest of all; `tick_ms` is over all ticks where the recordings are there to be read, else the median of
-    the medians and the largest 95th percentile. Everything else is the median of what is known, None where
-    nothing is.
+    the medians and the largest 95th percentile. `cross_track_max_m` is the largest of all and
+    `cross_track_mean_m` the median of the flights' means, for every lap too. Everything else is the median of
+    what is known, None where nothing is.
     """
     steps = {axis: _of([r["max_command_step"][axis] for r in runs], max) for axis in ("linear", "angular")}
     summary: dict[str, Any] = {
@@ -144,7 +183,23 @@ def pool(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     summary["max_command_step"] = steps
     summary["tick_ms"] = _pooled_ticks(runs)
     summary["realtime_factor"] = _of([r["realtime_factor"] for r in runs], np.median)
+    summary |= _pooled_cross_track(runs)
+    each = [r["laps"] for r in runs if r.get("laps")]
+    most = max((len(laps) for laps in each), default=0)
+    by_lap = [[laps[k] for laps in each if k < len(laps)] for k in range(most)]
+    summary["laps"] = [
+        {**_pooled_cross_track(laps), "duration_s": _of([lap["duration_s"] for lap in laps], np.median)}
+        for laps in by_lap
+    ] or None
     return {**summary, "recording": None, "report": None}
+
+
+def _pooled_cross_track(figures: Sequence[dict[str, Any]]) -> dict[str, float | None]:
+    # Campaigns flown by an earlier version have none.
+    return {
+        "cross_track_max_m": _of([f.get("cross_track_max_m") for f in figures], max),
+        "cross_track_mean_m": _of([f.get("cross_track_mean_m") for f in figures], np.median),
+    }
 
 
 def _of(values: list[float | None], figure: Any) -> float | None:

@@ -30,7 +30,14 @@ _KNOWN: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("tick_ms", "p95"), "Time of a tick, 95th percentile", "ms"),
     (("realtime_factor",), "Flight time per wall time", "x"),
 )
-_NOT_FIGURES = {"outcome", "reason", "recording", "report", "seed", "law", "mission"}
+# Of flights whose path somebody knows.
+_OF_THE_PATH = (
+    ("cross_track_max_m", "Largest distance from the path"),
+    ("cross_track_mean_m", "Mean distance from the path"),
+)
+_NOT_FIGURES = {"outcome", "reason", "recording", "report", "seed", "law", "mission", "laps"} | {
+    key for key, _ in _OF_THE_PATH
+}
 
 
 def number(value: float | None, unit: str, missing: str = "not available") -> str:
@@ -55,8 +62,19 @@ def flight_rows(summary: Mapping[str, Any]) -> list[Row]:
     """Return the table of a flight: the figures that every flight reports, then whatever else it holds."""
     rows = [Row(label, number(find(summary, path), unit)) for path, label, unit in _KNOWN]
     known = {path[0] for path, _, _ in _KNOWN} | _NOT_FIGURES
+    rows += [
+        Row(label, number(summary[key], "m")) for key, label in _OF_THE_PATH if summary.get(key) is not None
+    ]
     rows += [Row(key.replace("_", " "), _plain(value)) for key, value in summary.items() if key not in known]
+    laps = summary.get("laps") or ()
+    # Of a single lap all is said above.
+    rows += [Row(f"Lap {k + 1}", _lap(lap)) for k, lap in enumerate(laps) if len(laps) > 1]
     return rows
+
+
+def _lap(lap: Mapping[str, Any]) -> str:
+    most, mean = (number(lap.get(f"cross_track_{k}_m"), "m") for k in ("max", "mean"))
+    return f"{number(lap.get('duration_s'), 's')}, {mean} from the path on average, {most} at most"
 
 
 def _plain(value: Any) -> str:
