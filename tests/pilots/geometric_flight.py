@@ -137,12 +137,13 @@ def fly(
     tamper: Tamper | None = None,
     blind: bool = False,
     time_limit: float = 45.0,
+    late: int = 1,
 ) -> Flown:
     """Fly the law `noctule` through `targets`.
 
     `report`: whether the vehicle reports velocity (with noise and a bias) and yaw. `depth` [m] is the mean
     depth of the scene, which the law does not know. `tamper` may change or withhold (None) any sighting; it
-    is told the time. A `blind` flight is shown no columns.
+    is told the time. A `blind` flight is shown no columns. Pictures come `late` frames after their exposure.
     """
     rng = np.random.default_rng([seed, 0xF1E5])
     start = drawn_start(rng) if start is None else start
@@ -152,15 +153,15 @@ def fly(
     odometry, sight = Odometry(LAG), Sight(targets, depth, rng)
     bias = rng.normal(0.0, 0.01, 3)
     command, clearance, outcome = np.zeros(4), np.inf, "stuck"
-    before: tuple[float, np.ndarray, float] | None = None
+    frames: list[tuple[float, np.ndarray, float]] = []
     rows: list[tuple] = []
     for n in range(int(time_limit / DT)):
         t = n * DT
         v = rot_z(-body.yaw) @ body.v + bias + rng.normal(0.0, 0.02, 3)
         pose = odometry.step(t, command, v if report else None, body.yaw if report else None)
-        law.move(pose, DT)
-        if before is not None:
-            stamp, camera, yaw = before  # of one frame ago
+        if len(frames) >= late:
+            stamp, camera, yaw = frames[-late]
+            law.move(odometry.at(stamp))
             for index in (law.k, law.k + 1):
                 if index < len(targets):
                     seen = sight.of(index, odometry.at(stamp), camera, yaw)
@@ -170,7 +171,7 @@ def fly(
             law.detour.see([] if blind else edges_of(columns, camera, yaw, rng))
         if law.k in law.targets:
             command = law.step(pose, command, DT)
-        before = (t, body.camera, body.yaw)
+        frames.append((t, body.camera, body.yaw))
         rows.append((t, body.position, body.yaw, command, law.k, law.detour.activation.h))
         body.move(command, rng)
         gaps = [np.hypot(body.position[0] - x, body.position[1] - y) - r - HULL for x, y, r in columns]

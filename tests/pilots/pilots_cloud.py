@@ -46,7 +46,7 @@ def view_of(index, points, target, here, pose, method="generic", noise=0.1, seed
 
 def scene_at(stamp, views, previous, columns=(), dt=DT):
     pose = OdometryPose(stamp, np.zeros(3), 0.0, np.zeros(3))
-    return Scene(stamp, dt, pose, np.asarray(previous, dtype=float), views, columns)
+    return Scene(stamp, dt, pose, np.asarray(previous, dtype=float), views, columns, pose)
 
 
 def pose_at(stamp):

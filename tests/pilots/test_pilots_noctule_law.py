@@ -49,7 +49,7 @@ def fly(target, start, columns=(), seconds=25.0, seed=0):
         view = view_of(0, POINTS, target, (position, yaw), pose, "upright", seed=[seed, n])
         boxes = [box_of(column, position, yaw) for column in columns]
         boxes = tuple(box for box in boxes if box is not None)
-        answer = law.step(Scene(n * DT, DT, pose, command, {0: view}, boxes))
+        answer = law.step(Scene(n * DT, DT, pose, command, {0: view}, boxes, pose))
         command = answer.command
         answers.append(answer)
         for _ in range(5):
@@ -110,7 +110,7 @@ def test_the_covariance_of_a_sighting_is_turned_with_its_axes():
 
 def scene(stamp, views=None, columns=None, position=(0.0, 0.0, 0.0), previous=(0.0, 0.0, 0.0, 0.0)):
     pose = OdometryPose(stamp, np.array(position), 0.0, np.zeros(3))
-    return Scene(stamp, DT, pose, np.array(previous), views or {}, columns)
+    return Scene(stamp, DT, pose, np.array(previous), views or {}, columns, pose)
 
 
 def view_at(stamp, x=-0.6, index=0, **changes):

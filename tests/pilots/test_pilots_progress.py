@@ -53,6 +53,17 @@ def test_targets_are_reached_without_contact_and_without_a_step_in_the_command(n
         check_limits(flown)
 
 
+@pytest.mark.parametrize("late", [10, 16])
+def test_pictures_that_come_late_cost_neither_the_end_nor_the_clearance(late):
+    settings = PilotSettings(picture_latency_s=late * DT)
+    for name in ("5.1", "5.2"):
+        flown = fly(*scenario(name, 1), seed=1, late=late, settings=settings)
+        assert flown.outcome == "reached"
+        assert flown.error <= 0.03
+        assert flown.clearance >= 0.10
+        check_limits(flown)
+
+
 def test_the_columns_of_the_scenarios_are_really_in_the_way():
     for name in ("5.1", "5.2", "pair", "wide"):
         assert fly(*scenario(name, 0), seed=0, blind=True).outcome == "collided"

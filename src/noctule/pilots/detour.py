@@ -35,6 +35,18 @@ _HITS = 3  # detections before a column is believed: a single false box must not
 
 
 @dataclass(frozen=True, slots=True)
+class Motion:
+    """How the body moved: by `step` (2,) [m] in the heading frame of its beginning, and by `turn` [rad]."""
+
+    step: Array
+    turn: float
+    dt: float  # [s]
+
+
+STILL = Motion(np.zeros(2), 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
 class TrackedColumn:
     """A column, how often it was seen, and the side on which it is being passed."""
 
@@ -74,13 +86,17 @@ class Detour:
 
     def move(self, step: Array, turn: float, dt: float) -> None:
         """Dead-reckon every column over `dt` [s]: the body moved by `step` (2,) [m] and turned by `turn`."""
-        c, s = np.cos(turn), np.sin(turn)
-        step = step + self.camera_ahead * np.array([c - 1.0, s])
-        moved = (
-            replace(column, estimate=move_column(column.estimate, step, turn, dt, self.prior))
-            for column in self.columns
-        )
+        moved = self._moved(Motion(step, turn, dt))
         self.columns = tuple(c for c in moved if not self._forgotten(c))
+
+    def _moved(self, motion: Motion) -> list[TrackedColumn]:
+        """Return the columns after a motion of the body."""
+        c, s = np.cos(motion.turn), np.sin(motion.turn)
+        step = motion.step + self.camera_ahead * np.array([c - 1.0, s])
+        return [
+            replace(column, estimate=move_column(column.estimate, step, motion.turn, motion.dt, self.prior))
+            for column in self.columns
+        ]
 
     def _forgotten(self, column: TrackedColumn) -> bool:
         e = column.estimate
@@ -110,7 +126,9 @@ class Detour:
                 columns.append(TrackedColumn(begin_column(left, right, self.prior)))
         self.columns = tuple(columns)
 
-    def steer(self, wanted: Array, v: Array, goal: Array | None, dt: float) -> tuple[Array, float]:
+    def steer(
+        self, wanted: Array, v: Array, goal: Array | None, dt: float, since: Motion = STILL
+    ) -> tuple[Array, float]:
         """Return the task's demand (2,) [m/s] and its activation.
 
         Parameters
@@ -123,10 +141,12 @@ class Detour:
             Where the flight ends, (2,) [m], when that is near; None while it goes on beyond.
         dt
             Tick [s].
+        since
+            Motion since the picture in which the columns were last seen: pictures come late.
         """
         speed = float(np.linalg.norm(wanted))
         heading = float(np.arctan2(wanted[1], wanted[0]))
-        discs = self._discs(v, goal)
+        discs = self._discs(v, goal, since)
         on = False
         demand = wanted.copy()
         for blocked in merge_blocked(discs):
@@ -151,10 +171,10 @@ class Detour:
         self.activation = self.activation.step(on, dt)
         return demand, self.activation.h
 
-    def _discs(self, v: Array, goal: Array | None) -> list[tuple[Array, float, int]]:
+    def _discs(self, v: Array, goal: Array | None, since: Motion) -> list[tuple[Array, float, int]]:
         """Return (centre (2,), radius, index) of the columns that matter now."""
         discs = []
-        for i, column in enumerate(self.columns):
+        for i, (seen, column) in enumerate(zip(self.columns, self._moved(since), strict=True)):
             if column.hits < _HITS:
                 continue
             e = column.estimate
@@ -162,7 +182,7 @@ class Detour:
             centre = here - self.lag * v  # where it will be once the vehicle answers
             radius = e.radius + self.body_radius + self.settings.margin
             doubt = float(np.sqrt(e.P[1, 1]))
-            if e.unseen > 0.0:
+            if seen.estimate.unseen > 0.0:
                 # Out of sight it may have come nearer than dead reckoning says.
                 radius += min(doubt * e.distance, _MOST_DOUBT)
             # Distances are uncertain before the column has loomed: act on its near end.

@@ -37,6 +37,7 @@ class Scene:
     previous: Array  # (4,) last command
     views: dict[int, View]  # by index of the key image, of the newest picture
     columns: tuple[ColumnBox, ...] | None  # of the newest picture; None when there was no new one
+    exposed: OdometryPose | None = None  # at the newest picture's exposure; None when there was no new one
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,12 +78,13 @@ class NoctuleLaw:
         self._observe(scene)
 
     def _observe(self, scene: Scene) -> None:
-        self.progress.move(scene.pose, scene.dt)
+        pose = scene.exposed
+        if pose is not None:
+            self.progress.move(pose)
         for view in scene.views.values():
             if self.progress.sight(sighting_of(view)) and view.index == self.target:
                 self._seen = view.pose.stamp
-        if scene.columns is not None:
-            pose = scene.pose
+        if scene.columns is not None and pose is not None:
             self.progress.detour.see(self.optics.edges(scene.columns, pose.roll, pose.pitch))
 
     def step(self, scene: Scene) -> Answer | None:

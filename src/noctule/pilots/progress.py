@@ -22,7 +22,7 @@ from noctule.estimation.target import (
 )
 from noctule.geometry import Array, rot_z, wrap_angle
 from noctule.messages import Limits
-from noctule.pilots.detour import J_DETOUR, Detour
+from noctule.pilots.detour import J_DETOUR, STILL, Detour, Motion
 from noctule.pilots.guidance import Segment, cruise_velocity, stop_velocity, unit, yaw_rate
 from noctule.pilots.settings import PilotSettings
 
@@ -64,7 +64,7 @@ class ProgressLaw:
     held: float = 0.0  # [s] within the arrival tolerance
     off: Array | None = None  # (4,) mean of the last half second: way [m] and turn [rad] to the last image
     detour: Detour = field(init=False)
-    _odometry: OdometryPose | None = None
+    _exposed: OdometryPose | None = None  # where the newest picture was taken
 
     def __post_init__(self) -> None:
         """Set up the detour."""
@@ -118,13 +118,18 @@ class ProgressLaw:
         current = self.targets.get(self.k)
         return None if current is None else (current.velocity_bias, current.P[5:, 5:])
 
-    def move(self, pose: OdometryPose, dt: float) -> None:
-        """Dead-reckon the columns to the odometry's `pose`, `dt` [s] after the last call."""
-        if self._odometry is not None:
-            old = self._odometry
-            step = old.R_odom_heading.T @ (pose.position - old.position) - self._bias() * dt
-            self.detour.move(step[:2], wrap_angle(pose.yaw - old.yaw), dt)
-        self._odometry = pose
+    def move(self, pose: OdometryPose) -> None:
+        """Dead-reckon the columns to `pose`, where the newest picture was taken."""
+        if self._exposed is not None:
+            motion = self._motion(self._exposed, pose)
+            self.detour.move(motion.step, motion.turn, motion.dt)
+        self._exposed = pose
+
+    def _motion(self, old: OdometryPose, new: OdometryPose) -> Motion:
+        """Return the motion between two poses of the odometry, without the bias of its velocity."""
+        dt = new.stamp - old.stamp
+        step = old.R_odom_heading.T @ (new.position - old.position) - self._bias() * dt
+        return Motion(step[:2], wrap_angle(new.yaw - old.yaw), dt)
 
     def _bias(self) -> Array:
         current = self.targets.get(self.k)
@@ -158,7 +163,7 @@ class ProgressLaw:
     ) -> Array:
         """Return the command (4,) at `pose`; `others` are tasks between the detour and the servoing.
 
-        Call `move`, then `sight` for every sighting and `detour.see`, before.
+        At a new picture call `move`, `sight` for every sighting, and `detour.see` before.
         """
         segment = self.segment(pose)
         while self.k < self.last and segment.along < self._switch_distance() and self._next_known(pose):
@@ -173,7 +178,8 @@ class ProgressLaw:
         else:
             v = cruise_velocity(segment, gains)
         goal = segment.to_target[:2] if stopping else None
-        demand, h = self.detour.steer(v[:2], segment.v[:2], goal, dt)
+        since = STILL if self._exposed is None else self._motion(self._exposed, pose)
+        demand, h = self.detour.steer(v[:2], segment.v[:2], goal, dt, since)
         bottom = np.append(v, yaw_rate(segment.turn, gains, self.limits))
         tasks = [TaskRows(J_DETOUR, demand, h), *others]
         self._check_arrival(segment, dt)

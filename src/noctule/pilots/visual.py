@@ -109,7 +109,8 @@ class VisualPilot:
         if observation.picture is not None and self.settings.column_hue_deg is not None:
             colour = ColumnColour(hue=self.settings.column_hue_deg)
             columns = self._boxes = detect_columns(observation.picture.pixels, colour)
-        return Scene(observation.stamp, dt, pose, self._command, views, columns)
+        exposed = None if observation.picture is None else self.odometry.at(observation.picture.stamp)
+        return Scene(observation.stamp, dt, pose, self._command, views, columns, exposed)
 
     def _search(self, scene: Scene, blind: bool) -> Decision:
         """Hover and match again; give up after a while, with the reason."""
