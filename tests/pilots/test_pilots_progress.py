@@ -254,3 +254,16 @@ def test_pictures_in_which_the_target_is_missing_for_a_moment_do_no_harm():
     assert flown.error <= 0.03
     assert flown.clearance >= 0.10
     check_limits(flown)
+
+
+def test_a_flight_stops_and_hovers_at_the_images_it_is_told_to():
+    targets = ((0.8, 0.0, 1.0, 0.0), (1.6, 0.0, 1.0, 0.0), (2.4, 0.0, 1.0, 0.0))
+    settings = PilotSettings(hover_at=(1,), hover_s=3.0)
+    flown = fly(targets, seed=2, settings=settings)
+    straight = fly(targets, seed=2)
+    assert flown.outcome == "reached"
+    assert 3.0 < flown.duration - straight.duration < 8.0
+    # For three seconds it is nowhere but at the second image.
+    near = np.linalg.norm(flown.positions - np.array(targets[1][:3]), axis=1) < 0.04
+    assert near.sum() * DT >= 3.0
+    check_limits(flown)

@@ -63,11 +63,13 @@ class ProgressLaw:
     remaining: float = np.inf  # [m] along the segment to the target image
     held: float = 0.0  # [s] within the arrival tolerance
     off: Array | None = None  # (4,) mean of the last half second: way [m] and turn [rad] to the last image
+    stops: set[int] = field(init=False)  # images still to hover at
     detour: Detour = field(init=False)
     _exposed: OdometryPose | None = None  # where the newest picture was taken
 
     def __post_init__(self) -> None:
         """Set up the detour."""
+        self.stops = set(self.settings.hover_at)
         self.detour = Detour(
             self.settings.detour, self.settings.body_radius, float(self.lever[0]), self._answers_after
         )
@@ -166,12 +168,12 @@ class ProgressLaw:
         At a new picture call `move`, `sight` for every sighting, and `detour.see` before.
         """
         segment = self.segment(pose)
-        while self.k < self.last and segment.along < self._switch_distance() and self._next_known(pose):
+        while not self._to_stop() and self._passed(segment) and self._next_known(pose):
             self.origin = self._body_position(self.targets[self.k])
-            self.k += 1
+            self.k, self.off, self.held = self.k + 1, None, 0.0
             segment = self.segment(pose)
         self.remaining = segment.along
-        stopping = self.k == self.last or (segment.along < self._switch_distance())
+        stopping = self._to_stop() or self._passed(segment)
         gains = self.settings.progress
         if stopping:
             v = stop_velocity(segment, gains, self.limits, self._answers_after)
@@ -185,8 +187,12 @@ class ProgressLaw:
         self._check_arrival(segment, dt)
         return limit_command(solve_hierarchy(tasks, bottom), previous, self.limits, dt)
 
-    def _switch_distance(self) -> float:
-        return self.settings.progress.switch_ahead
+    def _to_stop(self) -> bool:
+        """Return whether the current image is one to stop at."""
+        return self.k == self.last or self.k in self.stops
+
+    def _passed(self, segment: Segment) -> bool:
+        return segment.along < self.settings.progress.switch_ahead
 
     def _next_known(self, pose: OdometryPose) -> bool:
         ahead = self.targets.get(self.k + 1)
@@ -199,7 +205,7 @@ class ProgressLaw:
         """Judge by the mean of the last half second, so that gusts neither make nor spoil an arrival."""
         gains = self.settings.progress
         now = np.append(segment.to_target, segment.turn)
-        if self.k != self.last:
+        if not self._to_stop():
             return
         self.off = now if self.off is None else self.off + min(dt / 0.5, 1.0) * (now - self.off)
         near = (
@@ -208,7 +214,10 @@ class ProgressLaw:
             and float(np.linalg.norm(now[:3])) < 2.0 * gains.arrive_m
             and float(np.linalg.norm(segment.v)) < 0.1
         )
-        self.held = self.held + dt if near else 0.0
+        # Once it hovers, a gust does not make it begin again: only the arrival itself has to be in a row.
+        self.held = self.held + dt if near or self.held > gains.arrive_hold_s else 0.0
+        if self.k < self.last and self.held > gains.arrive_hold_s + self.settings.hover_s:
+            self.stops.discard(self.k)
 
     @property
     def arrived(self) -> bool:

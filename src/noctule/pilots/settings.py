@@ -105,6 +105,10 @@ class PilotSettings(Settings):
     start: Literal["first", "nearest"] = Field(
         "first", description="begin with the first key image, or with the nearest one of all"
     )
+    hover_at: tuple[int, ...] = Field(
+        (), description="images to stop and hover at, counted from 0 in the order flown (law noctule)"
+    )
+    hover_s: float = Field(5.0, ge=0, le=600, description="for how long [s]")
     rematch_s: float = Field(0.7, gt=0, le=10, description="time between matches to the key image [s]")
     give_up_s: float = Field(6.0, gt=0, le=120, description="lost for this long: give up [s]")
     picture_max_age_s: float = Field(
