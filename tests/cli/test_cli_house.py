@@ -16,7 +16,7 @@ import noctule
 from noctule.cli import doctor as examination
 from noctule.flight import bundled_missions, load_mission
 
-COMMANDS = ["fly", "missions", "experiment", "report", "doctor"]
+COMMANDS = ["fly", "missions", "experiment", "report", "doctor", "teach"]
 
 
 def test_without_a_command_the_help_is_shown(noctule):

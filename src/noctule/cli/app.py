@@ -12,6 +12,7 @@ from cyclopts import App, CycloptsError
 from noctule import __version__
 from noctule.cli.commands import doctor, experiment, fly, missions, report
 from noctule.cli.complaints import complaint
+from noctule.cli.path_commands import path_check, path_show, teach
 from noctule.errors import NoctuleError
 
 REACHED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -22,6 +23,11 @@ _EXAMPLES: dict[Callable[..., int], str] = {
     experiment: "noctule experiment servo-5.1 --law published --seeds 0:10 --json",
     report: "noctule report flights/try --out flights/try/report",
     doctor: "noctule doctor --json",
+    teach: "noctule teach --video walk.mp4 --focal 510 --out paths/walk",
+}
+_PATH_EXAMPLES: dict[str, tuple[Callable[..., int], str]] = {
+    "show": (path_show, "noctule path show paths/walk"),
+    "check": (path_check, "noctule path check paths/walk --mission two-columns"),
 }
 
 
@@ -37,6 +43,10 @@ def build() -> App:
     )
     for command, example in _EXAMPLES.items():
         app.command(command, help_epilogue=f"Example: {example}")
+    paths = App(name="path", help="Look at a taught path, and judge whether it can be repeated.")
+    for name, (command, example) in _PATH_EXAMPLES.items():
+        paths.command(command, name=name, help_epilogue=f"Example: {example}")
+    app.command(paths)
     return app
 
 

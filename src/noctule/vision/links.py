@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from noctule.camera import PinholeCamera, derotate
-from noctule.geometry import Array, rot_y
+from noctule.geometry import Array, rot_y, wrap_angle
 from noctule.vision.features import Features
 from noctule.vision.homography import HomographyEstimate, NoHomographyError, estimate_homography
 from noctule.vision.homography.result import TooFewPointsError
@@ -31,7 +31,7 @@ class LinkQuality:
     displacement: float  # [px], median
     share: float = 0.0  # of the points, those that fit one upright geometry
     noise: float = float("nan")  # [px], of these points
-    baseline: float = 0.0  # [mean depths], 0 where it does not stand out of the noise
+    baseline: float = 0.0  # [mean depths of the second], 0 where it does not stand out of the noise
     yaw: float = 0.0  # [rad], positive where the camera turned left
     conditioned: bool = False  # the motion, or that there is none, can be told
     reason: str = ""  # why nothing is shared
@@ -71,11 +71,12 @@ def measure_link(
     displacement = float(np.median(np.linalg.norm(p_next - p_ref, axis=1)))
     m_ref = derotate(camera.normalise(p_ref), *attitudes[0])
     m_next = derotate(camera.normalise(p_next), *attitudes[1])
-    found = _estimate(m_ref, m_next, attitude_sd)
+    # As it is flown: the next picture is the reference, so lengths are in its mean depths.
+    found = _estimate(m_next, m_ref, attitude_sd)
     if found is None:
         return LinkQuality(len(p_ref), cells, displacement, reason=reason)
     # What a turn does not explain: where that is much, a translation must be found.
-    turned = np.column_stack([m_ref, np.ones(len(m_ref))]) @ rot_y(found.yaw).T
+    turned = np.column_stack([m_ref, np.ones(len(m_ref))]) @ rot_y(-found.yaw).T
     left = float(np.median(np.linalg.norm(m_next - turned[:, :2] / turned[:, 2:3], axis=1)))
     share = float(np.mean(found.inliers))
     return LinkQuality(
@@ -85,7 +86,7 @@ def measure_link(
         share=share,
         noise=found.noise * float(np.mean(camera.focal)),
         baseline=float(np.linalg.norm(found.t)) if found.t_defined else 0.0,
-        yaw=found.yaw,
+        yaw=wrap_angle(-found.yaw),
         conditioned=share >= _LEAST_SHARE and (found.t_defined or left < _MOVED),
         reason=reason,
     )

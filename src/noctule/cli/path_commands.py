@@ -1,0 +1,99 @@
+"""The subcommands that teach, show and check paths: their options and help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from noctule.cli.options import Flag, Seed
+
+
+def teach(
+    *,
+    out: Path,
+    waypoints: Path | None = None,
+    recording: Path | None = None,
+    video: Path | None = None,
+    device: int | None = None,
+    mission: str | None = None,
+    seed: Seed = None,
+    camera: Path | None = None,
+    focal: float | None = None,
+    stabilised: Flag = False,
+    seconds: float = 30.0,
+    at: str | None = None,
+    json: Flag = False,
+) -> int:
+    """Teach a path from exactly one source: a simulated flight, a recording, a video or a camera.
+
+    Key images are chosen by themselves, or taken where --at says. Exit code 0 if and only if the path can be
+    repeated.
+
+    Parameters
+    ----------
+    out
+        The folder for the path; it must be new or empty.
+    waypoints
+        A TOML file with poses = [[x, y, z, heading in degrees], ...], flown in the room of --mission.
+    recording
+        The recording (.mcap) of a flight.
+    video
+        A video file.
+    device
+        A camera of this machine, by OpenCV's number; the first is 0.
+    mission
+        With --waypoints: whose room, vehicle and camera; left out, two-columns. Its columns are left out.
+    seed
+        With --waypoints: what draws the room. Left out, the mission's.
+    camera
+        With --video or --device: a TOML file with width, height, fx, fy, cx, cy [px].
+    focal
+        With --video or --device: the focal length [px], of a camera whose axis meets the picture's centre.
+    stabilised
+        With --focal: a gimbal keeps the camera level.
+    seconds
+        With --device: for how long.
+    at
+        Take the key images at these times [s], as 0,1.5,3.2.
+    json
+        End standard output with one JSON object.
+    """
+    from noctule.cli.teaching import Source, teach_path
+
+    source = Source(
+        waypoints, recording, video, device, mission, camera, focal, stabilised, seconds, at, seed
+    )
+    return teach_path(source, out, json)
+
+
+def path_show(folder: Path, /, *, out: Path | None = None, json: Flag = False) -> int:
+    """Draw the contact sheet of a path and print what neighbours share.
+
+    Parameters
+    ----------
+    folder
+        The path folder.
+    out
+        The PNG file of the contact sheet; left out, contact-sheet.png in the path folder.
+    json
+        End standard output with one JSON object.
+    """
+    from noctule.cli.paths import show_path
+
+    return show_path(folder, out, json)
+
+
+def path_check(folder: Path, /, *, mission: str | None = None, json: Flag = False) -> int:
+    """Judge whether a path can be repeated: one line per fault, and exit code 2, where it cannot.
+
+    Parameters
+    ----------
+    folder
+        The path folder.
+    mission
+        A bundled mission or a mission file, whose camera must be the one that took the path.
+    json
+        End standard output with one JSON object.
+    """
+    from noctule.cli.paths import check_path_folder
+
+    return check_path_folder(folder, mission, json)
