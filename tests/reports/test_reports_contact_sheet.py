@@ -60,15 +60,24 @@ def test_bars_show_what_neighbours_share_and_the_weakest_is_red():
     widths, colours = zip(*bars(figure), strict=True)
     assert widths == pytest.approx((1.0, 0.25, 0.5))
     assert colours == tuple(c.lower() for c in (FORWARD, WARN, FORWARD))
-    assert "to 2: 50 points, weakest" in texts(figure)
+    assert "to 2: 50, weakest" in texts(figure)
     assert sum("weakest" in text for text in texts(figure)) == 1
 
 
 def test_links_that_cannot_be_flown_are_red_and_say_so():
     figure = contact_sheet(path_of(4), links_of(0, 50, 100), "walk", faulty=[0, 2])
     assert [colour for _, colour in bars(figure)] == [c.lower() for c in (WARN, FORWARD, WARN)]
-    assert "to 1: 0 points, cannot be flown" in texts(figure)
-    assert "to 3: 100 points, cannot be flown" in texts(figure)
+    assert "to 1: 0, refused" in texts(figure)
+    assert "to 3: 100, refused" in texts(figure)
+
+
+def test_no_words_run_into_the_next_picture():
+    with house_style():
+        figure = contact_sheet(path_of(35), links_of(*[888] * 34), "walk", faulty=range(34))
+    figure.canvas.draw()
+    for axis in figure.axes:
+        for text in axis.texts:
+            assert text.get_window_extent().x1 <= axis.get_window_extent().x1
 
 
 def test_the_weakest_link_is_the_first_of_those_that_share_least():

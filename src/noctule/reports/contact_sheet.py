@@ -102,12 +102,10 @@ def _bar(axis: Axes, link: LinkQuality, k: int, full: int, weakest: bool, faulty
     axis.add_patch(Rectangle((0.0, 0.68), 1.0, 0.3, color=GRID, lw=0))
     axis.add_patch(Rectangle((0.0, 0.68), link.shared / full, 0.3, color=colour, lw=0))
     axis.plot([FEWEST_SHARED / full] * 2, [0.6, 1.0], color=INK, lw=1.0)
-    words = f"to {k + 1}: {link.shared} points"
-    if faulty:
-        words += ", cannot be flown"
-    elif weakest:
-        words += ", weakest"
+    mark = "refused" if faulty else "weakest" if weakest else ""
+    # Short where it is bold: six fit beside each other.
+    words = f"to {k + 1}: {link.shared}, {mark}" if mark else f"to {k + 1}: {link.shared} points"
     axis.text(
-        0.0, 0.5, words, va="top", fontsize=8, color=colour if weakest or faulty else MUTED,
-        fontweight="bold" if weakest or faulty else "normal",
+        0.0, 0.5, words, va="top", fontsize=8, color=colour if mark else MUTED,
+        fontweight="bold" if mark else "normal",
     )  # fmt: skip
