@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-COMMANDS = "fly, missions, experiment, report, doctor"
+COMMANDS = "fly, missions, experiment, report, doctor, teach, path"
 
 
 @pytest.mark.parametrize(
