@@ -21,6 +21,7 @@ from noctule.flight.codec import encode_pose
 from noctule.flight.flown import Aborted, Flown
 from noctule.flight.loop import LoopSettings, fly
 from noctule.flight.mission import Mission
+from noctule.flight.path_check import require_sound
 from noctule.flight.path_folder import load_path, load_truth
 from noctule.flight.progress import flight_progress
 from noctule.flight.recording import FlightRecorder
@@ -35,6 +36,7 @@ from noctule.pilots.visual_path import VisualPath
 from noctule.simulation import SimulatedWorld
 
 _WARM_TICKS = 6
+_NOT_OF_THE_PATH = ("truth.toml", "contact-sheet.png")  # in its folder, but not for the pilot
 _PACKAGES = ("noctule", "numpy", "opencv-python-headless", "mujoco", "numba", "foxglove-sdk")
 
 
@@ -79,6 +81,8 @@ def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
     seed = mission.flight.seed
     folder = mission.path.folder or teach(mission, seed, out)
     taught = load_path(folder, mission.camera.intrinsics, mission.pilot.features, mission.camera.mount)
+    if mission.path.folder is not None:
+        require_sound(taught, f"path {folder}")
     route = mission.path.route(len(taught.images))
     path, truth = unroll(taught, route), load_truth(folder)
     if truth is not None:
@@ -212,7 +216,7 @@ def _zipped(folder: Path) -> bytes:
     target = io.BytesIO()
     with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
         for file in sorted(folder.iterdir()):
-            if file.suffix in (".toml", ".png", ".npz") and file.name != "truth.toml":
+            if file.suffix in (".toml", ".png", ".npz") and file.name not in _NOT_OF_THE_PATH:
                 # ZipInfo's own date, not the file's.
                 archive.writestr(zipfile.ZipInfo(file.name), file.read_bytes())
     return target.getvalue()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from noctule.estimation.odometry import Odometry, OdometryPose
 from noctule.geometry import R_BODY_CAMERA, Array, rot_z, tilt
 from noctule.messages import MatchRequest, MatchResult, Observation, Picture
 from noctule.pilots.law import Optics, View
+from noctule.pilots.neighbours import Neighbours
 from noctule.pilots.settings import PilotSettings
 from noctule.pilots.tracks import TrackSet, empty_tracks
 from noctule.pilots.visual_path import VisualPath
@@ -60,6 +62,7 @@ class Perception:
     method: str = "upright"
     tracks: dict[int, TrackSet] = field(default_factory=dict)
     reasons: dict[int, str] = field(default_factory=dict)  # why an image could not be matched last time
+    neighbours: Neighbours = field(init=False)
     _pyramid: Pyramid | None = None
     _stamp: float = -np.inf
     _asked: dict[int, float] = field(default_factory=dict)  # index -> [s] when it was asked for last
@@ -68,6 +71,15 @@ class Perception:
     _references: dict[int, Pyramid] = field(default_factory=dict)
     _judged: dict[int, float] = field(default_factory=dict)  # index -> `matched` of the last view
     _ticks: int = 0
+
+    def __post_init__(self) -> None:
+        """Set up what tells two answers apart."""
+        self.neighbours = Neighbours(self.path, self.optics, self._attitude_sd)
+
+    @property
+    def _attitude_sd(self) -> float:
+        """The attitude's error [rad] in a pair of pictures: both carry one of their own."""
+        return float(np.sqrt(2.0) * np.radians(self.settings.attitude_sd_deg))
 
     @property
     def picture_stamp(self) -> float:
@@ -147,14 +159,19 @@ class Perception:
         return np.asarray(body @ R_BODY_CAMERA)
 
     def _views(self, pose: OdometryPose, pyramid: Pyramid) -> dict[int, View]:
-        views = {}
+        views: dict[int, View] = {}
         for index, tracks in sorted(self.tracks.items()):
             if len(tracks) < self.settings.min_points:
                 continue
             if self._near(tracks.estimate) and self._ticks % _ALIGN_EVERY == 0:
                 tracks = self._aligned(tracks, pyramid)
             estimate = self._estimate(tracks, pose)
+            before = views.get(index - 1)
+            if estimate is not None and before is not None and self.method == "upright":
+                again = partial(self._estimate, replace(tracks, estimate=None), pose)
+                estimate = self.neighbours.choose(index, estimate, before.estimate.yaw, again)
             if estimate is None:
+                self.tracks[index] = replace(tracks, estimate=None)
                 continue
             good = self._agreeing(estimate)
             if int(good.sum()) >= self.settings.min_points:
@@ -193,10 +210,8 @@ class Perception:
         image = self.path.images[tracks.index]
         m_ref = self.optics.levelled(tracks.p_ref, image.roll, image.pitch)
         m = self.optics.levelled(tracks.p, pose.roll, pose.pitch)
-        # Both pictures carry an attitude error of their own.
-        attitude_sd = float(np.sqrt(2.0) * np.radians(self.settings.attitude_sd_deg))
         try:
-            return estimate_homography(m_ref, m, self.method, attitude_sd, start=tracks.estimate)
+            return estimate_homography(m_ref, m, self.method, self._attitude_sd, start=tracks.estimate)
         except NoHomographyError:
             return None
 
