@@ -31,7 +31,7 @@ from noctule.vision.tracking import Pyramid, align, track
 
 _LATE = 2.0  # [s] after which a match is not waited for any more
 _RETRY = 0.3  # [s] between requests for an image that is missing
-_ALIGN_EVERY = 4  # ticks
+_ALIGN_EVERY = 6  # ticks
 _ALIGN_WITHIN = (
     0.06,
     0.09,
@@ -75,6 +75,9 @@ class Perception:
     def __post_init__(self) -> None:
         """Set up what tells two answers apart."""
         self.neighbours = Neighbours(self.path, self.optics, self._attitude_sd)
+        if self.method == "upright":
+            for index in range(len(self.path.links)):
+                self.neighbours.turn(index)  # now, not in the tick that needs it first
 
     @property
     def _attitude_sd(self) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from noctule.geometry import Array
 from noctule.vision.features import Pixels, gray
 
-WINDOW = 19  # [px]
+WINDOW = 17  # [px]
 LEVELS = 3  # coarser levels above the picture itself
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 15, 0.02)
 Mask = NDArray[np.bool_]
