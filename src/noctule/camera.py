@@ -76,3 +76,49 @@ def derotate(m: Array, roll: float, pitch: float) -> Array:
         return np.asarray(m, dtype=np.float64)
     x = np.column_stack([m, np.ones(len(m))]) @ level_camera_rotation(roll, pitch).T
     return np.asarray(x[:, :2] / x[:, 2:3])
+
+
+@dataclass(frozen=True, slots=True)
+class FixedCamera:
+    """A camera that stands still in the world: intrinsics, and where it is (for example on the ceiling)."""
+
+    intrinsics: PinholeCamera
+    R_world_camera: Array  # (3, 3), takes RDF camera coordinates to world coordinates
+    t_world_camera: Array  # (3,) [m], the camera's centre in the world
+
+    def to_world(self, p: NDArray[np.floating], z: NDArray[np.floating]) -> Array:
+        """Take pixels (n, 2) with depths (n,) [m] along the optical axis to world points (n, 3) [m].
+
+        Eq. (19) of Santos et al., inverted.
+        """
+        z = np.asarray(z, dtype=np.float64)[:, None]
+        x_camera = np.hstack([self.intrinsics.normalise(p) * z, z])
+        return np.asarray(x_camera @ self.R_world_camera.T + self.t_world_camera)
+
+    def to_camera(self, x_world: Array) -> Array:
+        """Take world points (n, 3) [m] to camera coordinates (n, 3) [m]."""
+        return np.asarray((x_world - self.t_world_camera) @ self.R_world_camera)
+
+    def project(self, x_world: Array) -> Array:
+        """Project world points (n, 3) [m], which must lie before the camera, to pixels (n, 2): eq. (19)."""
+        return self.intrinsics.project(self.to_camera(x_world))
+
+
+def _published_ceiling_camera() -> FixedCamera:
+    # Printed rows take world to camera coordinates, in millimetres; they are orthonormal to 1e-6 only.
+    printed = np.array(
+        [
+            [-0.014798, -0.960444, -0.278081],
+            [-0.998049, -0.002685, 0.062384],
+            [-0.060663, 0.278461, -0.958530],
+        ]
+    )
+    u, _, vt = np.linalg.svd(printed)
+    R_camera_world = u @ vt
+    t_camera_world = np.array([179.759986, 31.442704, 3414.074341]) / 1000.0
+    intrinsics = PinholeCamera(640, 480, 527.77365, 527.22889, 312.15707, 235.82853)
+    return FixedCamera(intrinsics, R_camera_world.T, -R_camera_world.T @ t_camera_world)
+
+
+CEILING_CAMERA = _published_ceiling_camera()
+"""The depth camera of Santos et al., Table 2: at (0.241, -0.778, 3.321) m, tilted by 16.6 degrees."""

@@ -63,6 +63,36 @@ class Picture:
     pixels: NDArray[np.uint8]  # (height, width, 3) RGB
 
 
+@dataclass(frozen=True, slots=True)
+class DepthFrame:
+    """What an RGB-D camera saw: depth and, registered to it, colour."""
+
+    stamp: float  # [s], exposure
+    depth: NDArray[np.uint16]  # (height, width) [mm] along the optical axis, 0 where there is none
+    colour: NDArray[np.uint8] | None = None  # (height, width, 3) RGB, pixel for pixel as the depth
+
+
+@dataclass(frozen=True, slots=True)
+class PoseMeasurement:
+    """Where a sensor in the room saw the vehicle."""
+
+    stamp: float  # [s], exposure
+    position: Array  # (3,) [m], world, of the body's origin
+    yaw: float  # [rad]
+    covariance: Array  # (4, 4), of x, y, z [m] and yaw [rad]
+    source: str  # what measured it, for example "registration"
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingMeasurement:
+    """How a sensor in the room saw the vehicle turned, and nothing else."""
+
+    stamp: float  # [s], exposure
+    yaw: float  # [rad]
+    variance: float  # [rad^2]
+    source: str  # what measured it, for example "markers"
+
+
 class FlightState(StrEnum):
     """What the vehicle says it is doing."""
 

@@ -13,7 +13,7 @@ from typing import Protocol, Self, runtime_checkable
 
 from noctule.camera import CameraMount, PinholeCamera
 from noctule.errors import NoctuleError
-from noctule.messages import Command, Limits, Picture, Truth, VehicleState
+from noctule.messages import Command, DepthFrame, Limits, Picture, Truth, VehicleState
 
 
 class DeviceError(NoctuleError):
@@ -142,6 +142,36 @@ class Camera(Protocol):
 
     def latest(self, max_age: float) -> Picture:
         """Peek at the newest picture; raises StaleFrameError when its age is above `max_age` [s]."""
+        ...
+
+
+class DepthCamera(Protocol):
+    """An RGB-D camera that stands in the room. The newest frame wins."""
+
+    @property
+    def intrinsics(self) -> PinholeCamera:
+        """The pinhole of the depth image, which the colour image is registered to."""
+        ...
+
+    @property
+    def live(self) -> bool:
+        """Whether frames are coming."""
+        ...
+
+    def open(self) -> None:
+        """Start the stream; may block, so call it off the control thread."""
+        ...
+
+    def close(self) -> None:
+        """Stop the stream; idempotent."""
+        ...
+
+    def read(self, timeout: float) -> DepthFrame:
+        """Wait up to `timeout` [s] for the next frame that was not read before; raises DeviceError."""
+        ...
+
+    def latest(self, max_age: float) -> DepthFrame:
+        """Peek at the newest frame; raises StaleFrameError when its age is above `max_age` [s]."""
         ...
 
 

@@ -1,0 +1,1 @@
+"""Depth images to foreground, blobs and shapes."""
