@@ -33,10 +33,15 @@ _OPTIONAL = ("roll", "pitch", "yaw", "height", "battery", "link_quality")
 @cache
 def schema(name: str) -> bytes:
     """Return the serialised FileDescriptorSet that describes message `name` of noctule.flight."""
-    files = FileDescriptorSet()
-    pb.DESCRIPTOR.CopyToProto(files.file.add())
     if name not in pb.DESCRIPTOR.message_types_by_name:
         raise KeyError(name)
+    return file_schema(pb.DESCRIPTOR)
+
+
+def file_schema(descriptor: Any) -> bytes:
+    """Return the serialised FileDescriptorSet of a .proto file that imports no other."""
+    files = FileDescriptorSet()
+    descriptor.CopyToProto(files.file.add())
     return bytes(files.SerializeToString(deterministic=True))
 
 

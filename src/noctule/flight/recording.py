@@ -18,7 +18,7 @@ from typing import Any, Self
 import cv2
 import foxglove
 from foxglove.channels import CompressedImageChannel
-from foxglove.mcap import MCAPWriteOptions
+from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from foxglove.messages import CompressedImage, Timestamp
 
 from noctule.errors import NoctuleError
@@ -89,18 +89,17 @@ def encode_picture(picture: Picture, lossless: bool, jpeg_quality: int) -> bytes
     return bytes(data)
 
 
-class FlightRecorder:
-    """Writes one flight to one file; a context manager.
+class McapRecorder:
+    """Writes messages to one file, in a thread of its own; a context manager.
 
     Raises
     ------
     RecordingError
-        By `tick`, `note` and `close`, once the disk refuses; the file is then cut to whole records.
+        By all that writes and by `close`, once the disk refuses; the file is then cut to whole records.
     """
 
-    def __init__(self, path: Path, *, lossless: bool = False, jpeg_quality: int = 80) -> None:
+    def __init__(self, path: Path, profile: str, compression: MCAPCompression | None = None) -> None:
         self.path = path
-        self._lossless, self._jpeg_quality = lossless, jpeg_quality
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = _AppendOnlyFile(path)
@@ -114,21 +113,9 @@ class FlightRecorder:
             self._file,
             context=self._context,
             writer_options=MCAPWriteOptions(
-                compression=None, disable_seeking=True, compression_threads=0, profile=FORMAT
+                compression=compression, disable_seeking=True, compression_threads=0, profile=profile
             ),
         )
-        self._camera = CompressedImageChannel("/camera", context=self._context)
-        self._channels = {
-            name: foxglove.Channel(
-                f"/{name.lower()}",
-                schema=foxglove.Schema(
-                    name=f"noctule.flight.{name}", encoding="protobuf", data=codec.schema(name)
-                ),
-                message_encoding="protobuf",
-                context=self._context,
-            )
-            for name in ("Observation", "Decision", "Sent", "Truth")
-        }
         self._next_flush: float | None = None
         self._failure: Exception | None = None
         self._closed = False
@@ -174,9 +161,24 @@ class FlightRecorder:
                 "what was flown until then can be read, please report this fault"
             ) from self._failure
 
-    def _log(self, name: str, message: Any, time_ns: int) -> None:
-        data = message.SerializeToString(deterministic=True)
-        self._jobs.put(lambda: self._channels[name].log(data, log_time=time_ns))
+    def _channel(self, message: Any) -> foxglove.Channel:
+        """Return the channel of one of Noctule's own messages (its protobuf class)."""
+        described = message.DESCRIPTOR
+        return foxglove.Channel(
+            f"/{described.name.lower()}",
+            schema=foxglove.Schema(
+                name=described.full_name, encoding="protobuf", data=codec.file_schema(described.file)
+            ),
+            message_encoding="protobuf",
+            context=self._context,
+        )
+
+    def _flush_each_second(self, stamp: float) -> None:
+        if self._next_flush is None:
+            self._next_flush = stamp + _FLUSH_EVERY
+        elif stamp >= self._next_flush:
+            self._next_flush += _FLUSH_EVERY
+            self.flush()
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Write named strings (the mission, versions, the summary)."""
@@ -195,6 +197,35 @@ class FlightRecorder:
     def flush(self) -> None:
         """Have all that was handed in so far written; returns before it is."""
         self._jobs.put(self._writer.flush)
+
+    def close(self) -> None:
+        """Write what is left and close the file; idempotent. Raises RecordingError."""
+        if not self._closed:
+            self._closed = True
+            self._jobs.put(None)
+            self._thread.join()
+            try:
+                self._writer.close()
+            finally:
+                self._file.close()
+        self._check()
+
+
+class FlightRecorder(McapRecorder):
+    """Writes one flight to one file; raises as `McapRecorder` does."""
+
+    def __init__(self, path: Path, *, lossless: bool = False, jpeg_quality: int = 80) -> None:
+        super().__init__(path, FORMAT)
+        self._lossless, self._jpeg_quality = lossless, jpeg_quality
+        self._camera = CompressedImageChannel("/camera", context=self._context)
+        self._channels = {
+            name: self._channel(getattr(codec.pb, name))
+            for name in ("Observation", "Decision", "Sent", "Truth")
+        }
+
+    def _log(self, name: str, message: Any, time_ns: int) -> None:
+        data = message.SerializeToString(deterministic=True)
+        self._jobs.put(lambda: self._channels[name].log(data, log_time=time_ns))
 
     def _log_picture(self, picture: Picture, time_ns: int) -> None:
         data = encode_picture(picture, self._lossless, self._jpeg_quality)
@@ -234,23 +265,7 @@ class FlightRecorder:
             self._log("Truth", codec.encode_truth(truth), time_ns)
         # Always the last of its tick: the reader takes a tick without it for cut short.
         self._log("Sent", sent, time_ns)
-        if self._next_flush is None:
-            self._next_flush = stamp + _FLUSH_EVERY
-        elif stamp >= self._next_flush:
-            self._next_flush += _FLUSH_EVERY
-            self.flush()
-
-    def close(self) -> None:
-        """Write what is left and close the file; idempotent. Raises RecordingError."""
-        if not self._closed:
-            self._closed = True
-            self._jobs.put(None)
-            self._thread.join()
-            try:
-                self._writer.close()
-            finally:
-                self._file.close()
-        self._check()
+        self._flush_each_second(stamp)
 
 
 def sent_message(
