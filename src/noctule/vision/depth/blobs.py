@@ -1,0 +1,65 @@
+"""Connected pieces of the foreground, found and measured in one pass over a depth image."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noctule.camera import PinholeCamera
+from noctule.vision.depth.background import Background
+from noctule.vision.depth.blob import Blob
+from noctule.vision.depth.errors import check_depth
+from noctule.vision.depth.scan import scan
+
+MIN_AREA = 50  # [px]
+DEPTH_STEP = 0.3  # [m]
+
+Labels = NDArray[np.int32]
+Region = tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom lie just outside
+
+
+def find_blobs(
+    depth: NDArray[np.uint16],
+    background: Background,
+    camera: PinholeCamera,
+    min_area: int = MIN_AREA,
+    depth_step: float | None = DEPTH_STEP,
+    region: Region | None = None,
+) -> tuple[Labels, tuple[Blob, ...]]:
+    """Return the label image (height, width), 0 where there is no blob, and the blobs in raster order.
+
+    A blob is 8-connected foreground of at least `min_area` [px]. Neighbours whose depths differ by more than
+    `depth_step` [m] are not connected, which parts a drone from the person below it; None connects all.
+    Outside `region` nothing is looked at. Raises DepthFormatError for a frame of another size or type.
+    """
+    check_depth(depth, background.shape)
+    height, width = background.shape
+    left, top, right, bottom = (0, 0, width, height) if region is None else region
+    inside = (max(left, 0), max(top, 0), min(right, width), min(bottom, height))
+    labels = np.zeros((height, width), dtype=np.int32)
+    if inside[0] >= inside[2] or inside[1] >= inside[3]:
+        return labels, ()
+    table = scan(
+        np.ascontiguousarray(depth),
+        background.nearest,
+        inside,
+        np.iinfo(np.uint16).max if depth_step is None else round(1e3 * depth_step),
+        max(min_area, 1),
+        (camera.fx, camera.fy, camera.cx, camera.cy),
+        labels,
+    )
+    return labels, tuple(
+        Blob(
+            label,
+            int(row[0]),
+            int(row[1]),
+            int(row[2]),
+            int(row[3]),
+            int(row[4]),
+            row[5:7],
+            row[7:14],
+            row[14:17],
+            float(row[16]),
+        )
+        for label, row in enumerate(table, start=1)
+    )
