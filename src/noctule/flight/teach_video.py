@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 
 from pydantic import Field, ValidationError
 
@@ -17,10 +18,12 @@ from noctule.flight.mission import Mission, PathPose, PathSettings
 from noctule.flight.path_check import TILT_SD
 from noctule.flight.path_folder import Shot, save_path
 from noctule.flight.setting_errors import explain
+from noctule.geometry import Pose
 from noctule.settings import Settings
 from noctule.vision.key_images import Frame, KeyFrame, choose_key_images
 
 Progress = Callable[[int, float], None]
+NOTHING_KNOWN: Mapping[float, Pose] = MappingProxyType({})
 
 
 class PathExistsError(NoctuleError):
@@ -146,6 +149,21 @@ def teach_frames(
             f"teaching: the footage gives {len(keys)} key images, at least 2 are needed; "
             "move the camera along the path"
         )
-    shots = [Shot(k.frame.pixels, *k.frame.attitude) for k in keys]
-    save_path(folder, shots, camera, mount)
+    return save_keys(keys, camera, mount, folder)
+
+
+def save_keys(
+    keys: Sequence[KeyFrame],
+    camera: PinholeCamera,
+    mount: CameraMount,
+    folder: Path,
+    kind: str = "sift",
+    truths: Mapping[float, Pose] = NOTHING_KNOWN,
+) -> tuple[Taken, ...]:
+    """Write a path folder of key images; `truths` says by stamp where they were taken, where that is known.
+
+    Raises PathFolderError.
+    """
+    shots = [Shot(k.frame.pixels, *k.frame.attitude, truths.get(k.frame.stamp)) for k in keys]
+    save_path(folder, shots, camera, mount, kind)
     return tuple(Taken(k.frame.stamp, k.reason) for k in keys)

@@ -49,6 +49,7 @@ class Choice:
     cells: int = 8  # parts of the picture, of 24, that the points should cover
     fewest_cells: int = 5  # and must
     patience: int = 4  # windows without any geometry, after which the way has a gap
+    gaps: bool = True  # whether a key image is taken then; without, the walk waits until something matches
 
     def grade(self, link: LinkQuality) -> int:
         """Return 2 for a good link, 1 for one that can be flown, 0 for none."""
@@ -81,13 +82,24 @@ def sharpness(pixels: Pixels) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
-    """A frame with its features."""
+class _Shown:
+    """A frame that was walked past."""
 
     index: int
     frame: Frame
-    features: Features
     sharp: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """A frame that was looked at."""
+
+    shown: _Shown
+    features: Features
+
+    @property
+    def index(self) -> int:
+        return self.shown.index
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,80 +110,145 @@ class _Candidate:
     motion: float
 
 
-def _sharpest(
-    frames: Iterable[Frame], window: float, note: Callable[[int, float], None]
-) -> Iterator[tuple[int, Frame, float, bool]]:
-    """Yield (index, frame, sharpness, whether it is the last) of each window; first and last frame always."""
-    best: tuple[int, Frame, float] | None = None
-    last: tuple[int, Frame, float] | None = None
-    begin = 0.0
-    for index, frame in enumerate(frames):
-        note(index, frame.stamp)
-        last = (index, frame, sharpness(frame.pixels))
-        if index == 0:
-            yield *last, False
-            begin = frame.stamp
-        elif best is None:
-            best = last
-        elif frame.stamp - begin >= window:
-            yield *best, False
-            best, begin = last, frame.stamp
-        elif last[2] > best[2]:
-            best = last
-    if last is not None:
-        yield *last, True
+class KeyImageWalk:
+    """Chooses key images while the frames come: show it each with `look`, what became one is in `taken`.
 
+    A person may `take` the newest frame and `undo` the newest key image; after that, nothing is taken until
+    the camera is back within half a step of the key image before, or the person takes one. Not `automatic`:
+    only what the person takes. `link` is what the newest key image shares with the frame looked at last.
+    """
 
-class _Walk:
-    """Where the choice stands: the last key image, the one before, and the best frame since."""
-
-    def __init__(self, camera: PinholeCamera, choice: Choice, kind: str, attitude_sd: float) -> None:
+    def __init__(
+        self,
+        camera: PinholeCamera,
+        choice: Choice = DEFAULT_CHOICE,
+        kind: str = "sift",
+        attitude_sd: float = 0.0,
+        automatic: bool = True,
+    ) -> None:
         self.camera, self.choice, self.kind, self.attitude_sd = camera, choice, kind, attitude_sd
-        self.before: _Seen | None = None
-        self.key: _Seen | None = None
-        self.candidate: _Candidate | None = None
-        self.lost = 0
+        self.automatic, self.waiting = automatic, False
+        self.taken: list[KeyFrame] = []
+        self.link: LinkQuality | None = None
+        self._keys: list[_Seen] = []  # those of `taken`
+        self._candidate: _Candidate | None = None  # the best frame since
+        self._asked = False  # the newest key image was taken by a person
+        self._lost = 0
+        self._count = 0
+        self._newest: _Shown | None = None
+        self._best: _Shown | None = None  # of this window
+        self._begin = 0.0  # [s] of the window
 
-    def see(self, index: int, frame: Frame, sharp: float) -> _Seen:
-        return _Seen(index, frame, detect(frame.pixels, self.kind), sharp)
+    def look(self, frame: Frame) -> None:
+        """Walk past a frame; of each window only the sharpest is looked at."""
+        shown = _Shown(self._count, frame, sharpness(frame.pixels))
+        self._count += 1
+        self._newest = shown
+        if shown.index == 0:
+            self._begin = frame.stamp
+            if self.automatic:
+                self._add(self._see(shown), "first", None)
+        elif self._best is None:
+            self._best = shown
+        elif frame.stamp - self._begin >= self.choice.window:
+            best, self._best, self._begin = self._best, shown, frame.stamp
+            if self._keys:
+                self._go_on(self._see(best))
+        elif shown.sharp > self._best.sharp:
+            self._best = shown
 
-    def measured(self, ref: _Seen, seen: _Seen) -> _Candidate:
-        link = match_link(
-            ref.features,
-            seen.features,
-            self.camera,
-            (ref.frame.attitude, seen.frame.attitude),
-            self.attitude_sd,
-        )
+    def take(self, reason: str) -> KeyFrame | None:
+        """Make the newest frame a key image; None where it is one, or where there is no frame."""
+        shown = self._newest
+        if shown is None or (self._keys and shown.index == self._keys[-1].index):
+            return None
+        seen = self._see(shown)
+        link = self._measured(self._keys[-1], seen).link if self._keys else None
+        self._add(seen, reason, link)
+        self._asked, self.waiting, self._best, self._begin = True, False, None, shown.frame.stamp
+        return self.taken[-1]
+
+    def undo(self) -> KeyFrame | None:
+        """Forget the newest key image and return it; None where there is none."""
+        if not self.taken:
+            return None
+        self._keys.pop()
+        self._candidate, self._best, self.link, self._lost = None, None, None, 0
+        self.waiting = True
+        return self.taken.pop()
+
+    def release(self) -> list[KeyFrame]:
+        """Hand over the key images that the walk needs no more, to keep memory small."""
+        done, self.taken = self.taken[:-1], self.taken[-1:]  # the last frame may replace the newest
+        self._keys = self._keys[-2:]
+        return done
+
+    def finish(self) -> None:
+        """Make the last frame a key image, as the end of the path; one that a person took beside it stays."""
+        shown = self._newest
+        if not self._keys or shown is None or shown.index == self._keys[-1].index:
+            return
+        seen = self._see(shown)
+        self._go_on(seen)
+        if self.waiting or not self.automatic:
+            return
+        if self._keys[-1].index == seen.index:
+            self.taken[-1] = replace(self.taken[-1], reason="last")
+            return
+        final = self._measured(self._keys[-1], seen)
+        if (final.grade == 0 and not self.choice.gaps) or (final.motion < 0.5 and self._asked):
+            return
+        if len(self._keys) > 1 and final.motion < 0.5:
+            # A hover at the end is no way to fly: the last frame stands for the key image beside it.
+            instead = self._measured(self._keys[-2], seen)
+            if instead.grade >= 1:
+                self._keys.pop()
+                self.taken.pop()
+                final = instead
+        self._add(seen, "last", final.link)
+
+    def _see(self, shown: _Shown) -> _Seen:
+        return _Seen(shown, detect(shown.frame.pixels, self.kind))
+
+    def _measured(self, ref: _Seen, seen: _Seen) -> _Candidate:
+        attitudes = (ref.shown.frame.attitude, seen.shown.frame.attitude)
+        link = match_link(ref.features, seen.features, self.camera, attitudes, self.attitude_sd)
         return _Candidate(seen, link, self.choice.grade(link), self.choice.motion(link))
 
-    def take(self, chosen: _Candidate, reason: str) -> KeyFrame:
-        self.before, self.key, self.candidate, self.lost = self.key, chosen.seen, None, 0
-        return KeyFrame(chosen.seen.index, chosen.seen.frame, reason, chosen.link)
+    def _add(self, seen: _Seen, reason: str, link: LinkQuality | None) -> None:
+        self._keys.append(seen)
+        self.taken.append(KeyFrame(seen.index, seen.shown.frame, reason, link))
+        self._candidate, self.link, self._lost, self._asked = None, None, 0, False
 
-    def go_on(self, seen: _Seen) -> Iterator[KeyFrame]:
-        """Yield the key images that this frame settles: none, or the candidate before it, or itself."""
-        assert self.key is not None
-        now = self.measured(self.key, seen)
-        best = self.candidate
+    def _go_on(self, seen: _Seen) -> None:
+        """Add the key images that this frame settles: none, or the candidate before it, or itself."""
+        now = self._measured(self._keys[-1], seen)
+        self.link = now.link
+        self.waiting = self.waiting and (now.grade == 0 or now.motion >= 0.5)
+        if self.waiting or not self.automatic:
+            return
+        best = self._candidate
         if best is not None:
             ripe, over = best.motion >= 1.0, now.motion > 1.25
             worse = now.grade < best.grade and (now.grade == 0 or best.motion >= 0.5)
             if worse or (ripe and over):
-                yield self.take(best, "enough motion" if ripe else f"then {self.choice.why(now.link)}")
-                now = self.measured(best.seen, seen)
+                self._add(
+                    best.seen, "enough motion" if ripe else f"then {self.choice.why(now.link)}", best.link
+                )
+                now = self._measured(best.seen, seen)
+                self.link = now.link
         if now.grade == 0:
-            self.lost += 1
-            if self.lost >= self.choice.patience:
-                yield self.take(now, f"gap: {self.choice.why(now.link)}")
+            self._lost += 1
+            if self._lost >= self.choice.patience and self.choice.gaps:
+                self._add(seen, f"gap: {self.choice.why(now.link)}", now.link)
             return
-        self.lost = 0
+        self._lost = 0
         # Of the frames that went far enough the sharpest; before that the farthest.
-        best = self.candidate
-        if best is None or best.motion < 1.0 or seen.sharp > best.seen.sharp:
-            self.candidate = now
+        best = self._candidate
+        if best is None or best.motion < 1.0 or seen.shown.sharp > best.seen.shown.sharp:
+            best = self._candidate = now
         if now.motion > 1.25:
-            yield self.take(self.candidate or now, "enough motion")
+            self._add(best.seen, "enough motion", best.link)
 
 
 def choose_key_images(
@@ -199,31 +276,10 @@ def choose_key_images(
     progress
         Called with the index and stamp [s] of every frame.
     """
-    walk = _Walk(camera, choice, kind, attitude_sd)
-    held: KeyFrame | None = None  # the newest key image, which the last frame may replace
-    for index, frame, sharp, last in _sharpest(frames, choice.window, progress):
-        if walk.key is not None and index == walk.key.index:
-            continue
-        seen = walk.see(index, frame, sharp)
-        if walk.key is None:
-            walk.key = seen
-            held = KeyFrame(index, frame, "first")
-            continue
-        for found in walk.go_on(seen):
-            if held is not None:
-                yield held
-            held = found
-        if last and walk.key.index != index:
-            final = walk.measured(walk.key, seen)
-            if walk.before is not None and final.motion < 0.5:
-                # A hover at the end is no way to fly: the last frame stands for the key image beside it.
-                instead = walk.measured(walk.before, seen)
-                if instead.grade >= 1:
-                    held, final = None, instead
-            if held is not None:
-                yield held
-            held = KeyFrame(index, frame, "last", final.link)
-        elif last and held is not None:
-            held = replace(held, reason="last")
-    if held is not None:
-        yield held
+    walk = KeyImageWalk(camera, choice, kind, attitude_sd)
+    for index, frame in enumerate(frames):
+        progress(index, frame.stamp)
+        walk.look(frame)
+        yield from walk.release()
+    walk.finish()
+    yield from walk.taken
