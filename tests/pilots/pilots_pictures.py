@@ -8,7 +8,7 @@ from vision_photographs import HEIGHT, WIDTH, motion, view
 from noctule.camera import CameraMount, PinholeCamera
 from noctule.estimation.odometry import Odometry
 from noctule.messages import FlightState, MatchResult, Observation, Picture, VehicleState
-from noctule.pilots.law import Optics
+from noctule.pilots.factory import link_estimates
 from noctule.pilots.perception import Perception, match_key_image
 from noctule.pilots.settings import PilotSettings
 from noctule.pilots.visual_path import KeyImage, KeyLink, VisualPath
@@ -41,7 +41,9 @@ class Watcher:
 
     def __init__(self, path, method="upright", **settings):
         self.path, self.settings = path, PilotSettings.model_validate(settings)
-        self.perception = Perception(path, self.settings, Optics(path.camera, path.mount), method)
+        self.perception = Perception(
+            link_estimates(path, self.settings.attitude_sd_deg), self.settings, method
+        )
         self.odometry = Odometry()
         self.tick = 0
         self.shown = {}  # stamp -> Picture

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from noctule.estimation.column import ColumnEstimate
 from noctule.geometry import wrap_angle
-from noctule.pilots.detour import Detour, TrackedColumn, bearing_of, merge_blocked
+from noctule.pilots.detour import Detour, TrackedColumn, merge_blocked
 from noctule.pilots.settings import DetourSettings
 
 SETTINGS = DetourSettings()
@@ -319,8 +319,3 @@ def test_the_task_fades_in_and_out_with_its_own_clock():
     assert max(rising) == 1.0
     assert falling[-1] == 0.0
     assert np.abs(np.diff(h)).max() <= np.pi / 2.0 * DT / SETTINGS.fade_s
-
-
-def test_bearings_are_positive_to_the_left():
-    assert bearing_of(1.0) == pytest.approx(-np.pi / 4.0)
-    assert bearing_of(-1.0) == pytest.approx(np.pi / 4.0)

@@ -11,6 +11,7 @@ from noctule.messages import Limits, Picture
 from noctule.pilots import PilotSettings, make_matcher, make_pilot
 from noctule.pilots.factory import LAWS, link_geometries
 from noctule.pilots.law import Optics
+from noctule.pilots.link_estimates import LinkEstimates
 from noctule.pilots.noctule_law import NoctuleLaw
 from noctule.pilots.published import PublishedLaw
 from noctule.pilots.settings import DetourSettings, ProgressGains, PublishedGains
@@ -73,7 +74,7 @@ def test_the_vehicles_lag_is_expected_by_odometry_and_detour():
 )
 def test_a_link_points_from_an_image_to_the_next(to, yaw):
     points, first = cloud(80), ([0.0, 0.0, 1.0], 0.0)
-    link = link_geometries(path_through(points, first, (to, yaw)), OPTICS, 0.0)[0]
+    link = link_geometries(LinkEstimates(path_through(points, first, (to, yaw)), OPTICS, 0.0))[0]
     lever = MOUNT.t_body_camera
     turned = np.array([np.cos(yaw) * lever[0], np.sin(yaw) * lever[0], 0.0])
     way = np.array(to) + turned - np.array(first[0]) - lever
@@ -86,7 +87,7 @@ def test_the_depth_ratio_is_that_of_the_two_scenes():
     path = path_through(points, first, second)
     shared = points[inside(pixels(points, *first)) & inside(pixels(points, *second))]
     depths = [harmonic_depth(shared, place) for place in (first, second)]
-    link = link_geometries(path, OPTICS, 0.0)[0]
+    link = link_geometries(LinkEstimates(path, OPTICS, 0.0))[0]
     assert depths[1] < 0.85 * depths[0]
     assert link.depth_ratio == pytest.approx(depths[1] / depths[0], rel=0.05)
     assert link.t_heading[0] == pytest.approx(0.8 / depths[1], rel=0.05)
@@ -94,7 +95,7 @@ def test_the_depth_ratio_is_that_of_the_two_scenes():
 
 def test_images_at_one_place_have_a_depth_ratio_within_bounds():
     place = ([0.0, 0.0, 1.0], 0.0)
-    link = link_geometries(path_through(cloud(), place, place), OPTICS, 0.0)[0]
+    link = link_geometries(LinkEstimates(path_through(cloud(), place, place), OPTICS, 0.0))[0]
     assert 0.3 <= link.depth_ratio <= 3.0
     assert np.linalg.norm(link.t_heading) < 0.01
 
@@ -108,16 +109,16 @@ def test_the_attitude_of_every_key_image_is_taken_out_of_the_links():
         tilts=[(0.03, -0.02), (-0.02, 0.05)],
         mount=mount,
     )
-    link = link_geometries(tilted, Optics(CAMERA, mount), 0.0)[0]
+    link = link_geometries(LinkEstimates(tilted, Optics(CAMERA, mount), 0.0))[0]
     direction = link.t_heading / np.linalg.norm(link.t_heading)
     assert direction[0] > np.cos(np.radians(1.5))
-    untold = link_geometries(tilted, OPTICS, 0.0)[0].t_heading
+    untold = link_geometries(LinkEstimates(tilted, OPTICS, 0.0))[0].t_heading
     assert untold[0] / np.linalg.norm(untold) < np.cos(np.radians(5.0))
 
 
 def test_every_link_of_a_path_is_told():
     places = [([0.4 * i, 0.0, 1.0], 0.0) for i in range(4)]
-    assert len(link_geometries(path_through(cloud(80), *places), OPTICS, 0.0)) == 3
+    assert len(link_geometries(LinkEstimates(path_through(cloud(80), *places), OPTICS, 0.0))) == 3
 
 
 def test_the_matcher_is_what_the_worker_runs():

@@ -5,6 +5,7 @@ import pytest
 from pilots_cloud import CAMERA, OPTICS, cloud, pixels
 
 from noctule.camera import CameraMount
+from noctule.pilots.link_estimates import LinkEstimates
 from noctule.pilots.neighbours import Neighbours
 from noctule.pilots.visual_path import KeyImage, KeyLink, VisualPath
 from noctule.vision.features import Features
@@ -25,7 +26,7 @@ def neighbours(n=None):
     p_ref, p_next = pixels(POINTS, *HERE), pixels(POINTS, *AHEAD)
     link = KeyLink(p_ref[:n], p_next[:n])
     path = VisualPath(CAMERA, CameraMount(), (key_image("a"), key_image("b")), (link,))
-    return Neighbours(path, OPTICS, 0.0)
+    return Neighbours(LinkEstimates(path, OPTICS, 0.0))
 
 
 def answer(yaw, *others):

@@ -22,7 +22,7 @@ from noctule.estimation.column import (
     move_column,
     update_column,
 )
-from noctule.geometry import Array, wrap_angle
+from noctule.geometry import Array
 from noctule.pilots.settings import DetourSettings
 
 J_DETOUR: Array = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]])
@@ -234,8 +234,3 @@ def merge_blocked(discs: list[tuple[Array, float, int]]) -> list[Blocked]:
         else:
             merged.append(b)
     return merged
-
-
-def bearing_of(x: float) -> float:
-    """Return the bearing [rad, left positive] of a levelled normalised coordinate x (right positive)."""
-    return wrap_angle(-float(np.arctan(x)))

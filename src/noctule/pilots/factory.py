@@ -10,6 +10,7 @@ from noctule.estimation.odometry import OdometryPose
 from noctule.geometry import Array
 from noctule.messages import Limits, MatchResult, Picture, Pilot
 from noctule.pilots.law import Law, Optics, View
+from noctule.pilots.link_estimates import LinkEstimates
 from noctule.pilots.noctule_law import NoctuleLaw, sighting_of
 from noctule.pilots.perception import Perception, match_key_image
 from noctule.pilots.progress import LinkGeometry
@@ -18,55 +19,52 @@ from noctule.pilots.settings import PilotSettings, PublishedGains
 from noctule.pilots.stability import check_delay
 from noctule.pilots.visual import VisualPilot
 from noctule.pilots.visual_path import VisualPath
-from noctule.vision.homography import estimate_homography
 from noctule.vision.triangle import largest_triangle
 
 
-def link_geometries(path: VisualPath, optics: Optics, attitude_sd: float) -> tuple[LinkGeometry, ...]:
+def link_estimates(path: VisualPath, attitude_sd_deg: float) -> LinkEstimates:
+    """Return the estimates between the images of a path; `attitude_sd_deg` is one image's error [deg]."""
+    attitude_sd = float(np.sqrt(2.0) * np.radians(attitude_sd_deg))  # a pair has two of them
+    return LinkEstimates(path, Optics(path.camera, path.mount), attitude_sd)
+
+
+def link_geometries(links: LinkEstimates) -> tuple[LinkGeometry, ...]:
     """Return how every image lies from the one before, from their shared points alone."""
     origin = OdometryPose(0.0, np.zeros(3), 0.0, np.zeros(3))
     found = []
-    for k, link in enumerate(path.links):
-        here, ahead = path.images[k], path.images[k + 1]
-        m_here = optics.levelled(link.p_ref, here.roll, here.pitch)
-        m_ahead = optics.levelled(link.p_next, ahead.roll, ahead.pitch)
-        forward = estimate_homography(m_ahead, m_here, "upright", attitude_sd)
-        back = estimate_homography(m_here, m_ahead, "upright", attitude_sd)
-        sighting = sighting_of(View(k + 1, origin, forward, link.p_next, link.p_ref, 0.0))
+    for k, link in enumerate(links.path.links):
+        ahead, here = links.back(k), links.onward(k)
+        sighting = sighting_of(View(k + 1, origin, ahead, link.p_next, link.p_ref, 0.0))
         # One baseline, measured in the mean depths of either image.
-        ratio = float(np.linalg.norm(back.t)) / max(float(np.linalg.norm(forward.t)), 1e-6)
+        ratio = float(np.linalg.norm(here.t)) / max(float(np.linalg.norm(ahead.t)), 1e-6)
         found.append(LinkGeometry(sighting.t_heading, float(np.clip(ratio, 0.3, 3.0))))
     return tuple(found)
 
 
-def _noctule(settings: PilotSettings, path: VisualPath, limits: Limits, optics: Optics) -> Law:
-    attitude_sd = float(np.sqrt(2.0) * np.radians(settings.attitude_sd_deg))
-    return NoctuleLaw(settings, limits, optics, link_geometries(path, optics, attitude_sd))
-
-
-def segment_velocities(path: VisualPath, optics: Optics, gains: PublishedGains) -> tuple[Array, ...]:
+def segment_velocities(links: LinkEstimates, gains: PublishedGains) -> tuple[Array, ...]:
     """Return (3) between neighbouring key images, once: the velocity (4,) that image k asks for in k - 1.
 
     Eq. (32) before its scale, in the heading frame of image k - 1.
     """
     found = []
-    for k, link in enumerate(path.links):
-        here, ahead = path.images[k], path.images[k + 1]
-        m_here = optics.levelled(link.p_ref, here.roll, here.pitch)
-        m_ahead = optics.levelled(link.p_next, ahead.roll, ahead.pitch)
-        estimate = estimate_homography(m_ahead, m_here, "generic")
+    for k in range(len(links.path.links)):
+        _, m_ahead = links.shared(k)
         m_ref = m_ahead[list(largest_triangle(m_ahead))].mean(axis=0)
-        found.append(published_velocity(estimate.H, m_ref, optics, gains)[1])
+        found.append(published_velocity(links.back(k, "generic").H, m_ref, links.optics, gains)[1])
     return tuple(found)
 
 
-def _published(settings: PilotSettings, path: VisualPath, limits: Limits, optics: Optics) -> Law:
+def _noctule(settings: PilotSettings, limits: Limits, links: LinkEstimates) -> Law:
+    return NoctuleLaw(settings, limits, links.optics, link_geometries(links))
+
+
+def _published(settings: PilotSettings, limits: Limits, links: LinkEstimates) -> Law:
     gains = settings.published
-    segments = () if gains.feed_forward is None else segment_velocities(path, optics, gains)
-    return PublishedLaw(settings, limits, optics, len(path.images) - 1, segments)
+    segments = () if gains.feed_forward is None else segment_velocities(links, gains)
+    return PublishedLaw(settings, limits, links.optics, len(links.path.images) - 1, segments)
 
 
-LAWS: dict[str, tuple[Callable[[PilotSettings, VisualPath, Limits, Optics], Law], str]] = {
+LAWS: dict[str, tuple[Callable[[PilotSettings, Limits, LinkEstimates], Law], str]] = {
     "noctule": (_noctule, "upright"),
     "published": (_published, "generic"),
 }
@@ -79,10 +77,10 @@ def make_pilot(settings: PilotSettings, path: VisualPath, limits: Limits, tick: 
     Raises LatencyError when the gains are not stable with the delays that the settings name.
     """
     check_delay(settings)
-    optics = Optics(path.camera, path.mount)
     make_law, method = LAWS[settings.law]
-    perception = Perception(path, settings, optics, method)
-    return VisualPilot(settings, limits, perception, make_law(settings, path, limits, optics), tick)
+    links = link_estimates(path, settings.attitude_sd_deg)
+    perception = Perception(links, settings, method)
+    return VisualPilot(settings, limits, perception, make_law(settings, limits, links), tick)
 
 
 def make_matcher(settings: PilotSettings, path: VisualPath) -> Callable[[Picture, int], MatchResult]:

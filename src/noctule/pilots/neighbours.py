@@ -14,9 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from noctule.geometry import wrap_angle
-from noctule.pilots.law import Optics
-from noctule.pilots.visual_path import VisualPath
-from noctule.vision.homography import HomographyEstimate, NoHomographyError, estimate_homography
+from noctule.pilots.link_estimates import LinkEstimates
+from noctule.vision.homography import HomographyEstimate, NoHomographyError
 
 _SAME = float(
     np.radians(1.2)
@@ -27,29 +26,20 @@ _PATIENCE = 60  # ticks of disagreement after which the link is not believed any
 
 @dataclass(slots=True)
 class Neighbours:
-    """The turns between neighbouring key images, worked out when they are first needed."""
+    """What the turns between neighbouring key images say of the next one."""
 
-    path: VisualPath
-    optics: Optics
-    attitude_sd: float  # [rad], of both pictures together
-    _turns: dict[int, float | None] = field(default_factory=dict)  # by the id of a link: laps share them
+    links: LinkEstimates
     _refused: dict[int, int] = field(default_factory=dict)  # index -> ticks in a row
 
     def turn(self, index: int) -> float | None:
         """Return the yaw [rad] of image `index` + 1 against image `index`, None where it is not certain."""
-        link = self.path.links[index]
-        if id(link) not in self._turns:
-            here, ahead = self.path.images[index], self.path.images[index + 1]
-            m_here = self.optics.levelled(link.p_ref, here.roll, here.pitch)
-            m_ahead = self.optics.levelled(link.p_next, ahead.roll, ahead.pitch)
-            self._turns[id(link)] = None
-            if len(m_here) >= _LEAST_POINTS:
-                try:
-                    found = estimate_homography(m_here, m_ahead, "upright", self.attitude_sd)
-                except NoHomographyError:
-                    return None
-                self._turns[id(link)] = None if found.alternatives else found.yaw
-        return self._turns[id(link)]
+        if len(self.links.shared(index)[0]) < _LEAST_POINTS:
+            return None
+        try:
+            found = self.links.onward(index)
+        except NoHomographyError:
+            return None
+        return None if found.alternatives else found.yaw
 
     def choose(
         self,

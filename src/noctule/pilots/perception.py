@@ -20,6 +20,7 @@ from noctule.estimation.odometry import Odometry, OdometryPose
 from noctule.geometry import R_BODY_CAMERA, Array, rot_z, tilt
 from noctule.messages import MatchRequest, MatchResult, Observation, Picture
 from noctule.pilots.law import Optics, View
+from noctule.pilots.link_estimates import LinkEstimates
 from noctule.pilots.neighbours import Neighbours
 from noctule.pilots.settings import PilotSettings
 from noctule.pilots.tracks import TrackSet, empty_tracks
@@ -56,12 +57,13 @@ def safety_box(width: int, height: int) -> SafetyBox:
 class Perception:
     """Keeps the tracks of the key images in sight."""
 
-    path: VisualPath
+    links: LinkEstimates
     settings: PilotSettings
-    optics: Optics
     method: str = "upright"
     tracks: dict[int, TrackSet] = field(default_factory=dict)
     reasons: dict[int, str] = field(default_factory=dict)  # why an image could not be matched last time
+    path: VisualPath = field(init=False)
+    optics: Optics = field(init=False)
     neighbours: Neighbours = field(init=False)
     _pyramid: Pyramid | None = None
     _stamp: float = -np.inf
@@ -74,15 +76,11 @@ class Perception:
 
     def __post_init__(self) -> None:
         """Set up what tells two answers apart."""
-        self.neighbours = Neighbours(self.path, self.optics, self._attitude_sd)
+        self.path, self.optics = self.links.path, self.links.optics
+        self.neighbours = Neighbours(self.links)
         if self.method == "upright":
             for index in range(len(self.path.links)):
                 self.neighbours.turn(index)  # now, not in the tick that needs it first
-
-    @property
-    def _attitude_sd(self) -> float:
-        """The attitude's error [rad] in a pair of pictures: both carry one of their own."""
-        return float(np.sqrt(2.0) * np.radians(self.settings.attitude_sd_deg))
 
     @property
     def picture_stamp(self) -> float:
@@ -214,7 +212,7 @@ class Perception:
         m_ref = self.optics.levelled(tracks.p_ref, image.roll, image.pitch)
         m = self.optics.levelled(tracks.p, pose.roll, pose.pitch)
         try:
-            return estimate_homography(m_ref, m, self.method, self._attitude_sd, start=tracks.estimate)
+            return estimate_homography(m_ref, m, self.method, self.links.attitude_sd, start=tracks.estimate)
         except NoHomographyError:
             return None
 
