@@ -60,7 +60,8 @@ class MarkerHeading:
         assert sighting.frame.colour is not None
         blob = sighting.blob
         window = np.s_[max(blob.top, 0) : blob.bottom, max(blob.left, 0) : blob.right]
-        hsv = cv2.cvtColor(np.ascontiguousarray(sighting.frame.colour[window]), cv2.COLOR_RGB2HSV_FULL)
+        rgb = np.ascontiguousarray(sighting.frame.colour[window])
+        hsv = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV_FULL), dtype=np.uint8)
         depth = sighting.frame.depth[window] * 1e-3
         # Holes in the depth are common on a small marker; what is clearly at another depth is not on it.
         near = (depth == 0.0) | (np.abs(depth - blob.depth) < SLAB)
