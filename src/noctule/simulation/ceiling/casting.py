@@ -7,6 +7,7 @@ nearer of two surfaces is the larger.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -15,40 +16,49 @@ from numpy.typing import NDArray
 from noctule.camera import PinholeCamera
 from noctule.geometry import Array
 
+Image = NDArray[np.float32]
+Hit = tuple[float, float, float, float]  # depth, negative for none, and the surface's normal
+
 _FAR = 1e9
 _NEAR_PLANE = 0.05  # [m], corners nearer than this are taken as being there, for the bounding rectangle
 
 
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A rectangle of pixels; empty where `left` >= `right` or `top` >= `bottom`."""
+
+    left: int
+    right: int  # one past the last
+    top: int
+    bottom: int
+
+
 class Canvas:
-    """What rays hit: nearness, whose surface it is and how it faces the eye; each (height, width)."""
+    """What rays hit: nearness, how strongly it sends infrared back, and whose surface it is."""
 
     def __init__(self, camera: PinholeCamera) -> None:
         size = (camera.height, camera.width)
-        self.camera = camera
+        self._eye = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         self.nearness = np.zeros(size, np.float32)  # [1/m], 0 where nothing is hit
+        self.echo = np.zeros(size, np.float32)  # reflectance x cosine between normal and ray
         self.owner = np.full(size, -1, np.int16)  # row of the part, -1 for none
-        self.cosine = np.zeros(size, np.float32)  # between the surface's normal and the ray
 
     def copy_from(self, other: Canvas) -> None:
-        """Become equal to `other`."""
+        """Become equal to `other`, except that nothing is owned by a part."""
         np.copyto(self.nearness, other.nearness)
-        np.copyto(self.owner, other.owner)
-        np.copyto(self.cosine, other.cosine)
+        np.copyto(self.echo, other.echo)
+        self.owner.fill(-1)
 
-    def cast(self, rows: Array, chance: NDArray[np.uint16], first: int = 0) -> tuple[int, int]:
-        """Draw parts (n, COLUMNS) in camera coordinates (RDF); owners count from `first`.
+    def cast(self, rows: Array, chance: NDArray[np.uint16]) -> Window:
+        """Draw parts (n, COLUMNS) in camera coordinates (RDF); return the pixels that may have changed.
 
-        `chance` (height, width) is what opacity is compared with. Returns (first row of pixels touched, one
-        past the last).
+        `chance` (height, width) is what opacity is compared with, 0 to 65535.
         """
-        c = self.camera
-        eye = np.array([c.fx, c.fy, c.cx, c.cy])
-        top, bottom = _cast(rows, eye, first, chance, self.nearness, self.owner, self.cosine)
-        return int(top), int(bottom)
+        return Window(*_cast(rows, self._eye, chance, self.nearness, self.echo, self.owner))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _bounds(row, eye, width, height):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _bounds(row: Array, eye: Array, width: int, height: int) -> tuple[int, int, int, int]:
     u0, u1, v0, v1 = _FAR, -_FAR, _FAR, -_FAR
     nearest = _FAR
     for k in range(8):
@@ -69,8 +79,10 @@ def _bounds(row, eye, width, height):  # type: ignore[no-untyped-def]
     return left, right, top, bottom
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _box(ox, oy, oz, dx, dy, dz, hx, hy, hz):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _box(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, hx: float, hy: float, hz: float
+) -> Hit:
     """Return (t, normal) of the first hit of o + t d, t < 0 for none; in the part's axes."""
     enter, leave, axis = -_FAR, _FAR, 0
     for k in range(3):
@@ -90,8 +102,10 @@ def _box(ox, oy, oz, dx, dy, dz, hx, hy, hz):  # type: ignore[no-untyped-def]
     return enter, 1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _ellipsoid(ox, oy, oz, dx, dy, dz, hx, hy, hz):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _ellipsoid(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, hx: float, hy: float, hz: float
+) -> Hit:
     ax, ay, az, bx, by, bz = ox / hx, oy / hy, oz / hz, dx / hx, dy / hy, dz / hz
     aa, ab = bx * bx + by * by + bz * bz, ax * bx + ay * by + az * bz
     root = ab * ab - aa * (ax * ax + ay * ay + az * az - 1.0)
@@ -103,8 +117,10 @@ def _ellipsoid(ox, oy, oz, dx, dy, dz, hx, hy, hz):  # type: ignore[no-untyped-d
     return t, nx / n, ny / n, nz / n
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _tube(ox, oy, oz, dx, dy, dz, r, inner, h):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _tube(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, r: float, inner: float, h: float
+) -> Hit:
     best, nx, ny, nz = _FAR, 0.0, 0.0, 0.0
     if abs(dz) > 1e-12:
         t = ((h if dz < 0.0 else -h) - oz) / dz
@@ -129,19 +145,27 @@ def _tube(ox, oy, oz, dx, dy, dz, r, inner, h):  # type: ignore[no-untyped-def]
     return best, nx, ny, nz
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _cast(rows, eye, first, chance, nearness, owner, cosine):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _cast(
+    rows: Array,
+    eye: Array,
+    chance: NDArray[np.uint16],
+    nearness: Image,
+    echo: Image,
+    owner: NDArray[np.int16],
+) -> tuple[int, int, int, int]:
     height, width = nearness.shape
     fx, fy, cx, cy = eye
-    first_row, last_row = height, 0
+    all_left, all_right, all_top, all_bottom = width, 0, height, 0
     for i in range(len(rows)):
         p = rows[i]
         left, right, top, bottom = _bounds(p, eye, width, height)
         if left >= right or top >= bottom:
             continue
-        first_row, last_row = min(first_row, top), max(last_row, bottom)
+        all_left, all_right = min(all_left, left), max(all_right, right)
+        all_top, all_bottom = min(all_top, top), max(all_bottom, bottom)
         kind, hx, hy, hz, inner = int(p[0]), p[13], p[14], p[15], p[16]
-        limit = p[17] * 65536.0
+        limit, reflectance = p[17] * 65536.0, p[18]
         # The eye in the part's axes.
         ox = -(p[4] * p[1] + p[7] * p[2] + p[10] * p[3])
         oy = -(p[5] * p[1] + p[8] * p[2] + p[11] * p[3])
@@ -162,6 +186,7 @@ def _cast(rows, eye, first, chance, nearness, owner, cosine):  # type: ignore[no
                 if t <= 0.0 or t * nearness[v, u] >= 1.0 or chance[v, u] >= limit:
                     continue
                 nearness[v, u] = 1.0 / t
-                owner[v, u] = first + i
-                cosine[v, u] = abs(nx * dx + ny * dy + nz * dz) / math.sqrt(mx * mx + my * my + 1.0)
-    return first_row, last_row
+                cosine = abs(nx * dx + ny * dy + nz * dz) / math.sqrt(mx * mx + my * my + 1.0)
+                echo[v, u] = reflectance * cosine
+                owner[v, u] = i
+    return all_left, all_right, all_top, all_bottom

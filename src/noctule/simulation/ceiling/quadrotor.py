@@ -64,7 +64,7 @@ def _corner(ahead: float, aside: float, hull: bool) -> list[Part]:
             opacity=0.2,
             reflectance=0.3,
             rgb=_GREY,
-        ),  # fmt: skip
+        ),
     ]
     if hull:
         centre = (ahead * RING, aside * RING, 0.0)

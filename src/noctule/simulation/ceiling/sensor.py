@@ -7,18 +7,23 @@ none (shadows on the left of near things), and at edges dots of two surfaces mix
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from noctule.camera import PinholeCamera
+from noctule.geometry import Array
+from noctule.simulation.ceiling.casting import Canvas, Image, Window
 from noctule.simulation.ceiling.spec import CeilingSpec
 
 _SLACK = 512  # a frame takes a window of the noise at a place of its own, this many places each way
 _NOISE_UNIT = 32  # of the 8-bit noise is one sd
-_SHIFT_BLUR, _NOISE_BLUR = 1.0, 2.5  # [px], how far sensors' errors reach: the matching window's size
+_SHIFT_BLUR, _NOISE_BLUR, _VEIL_BLUR = 1.0, 2.5, 2.5  # [px], neighbours share errors: the matching window
 _SMOOTH_SHARE = 0.6  # of the noise's variance is shared by neighbours
+BORDER = 3  # [px], most by which an edge is displaced; pixels this near to the frame are not
 
 
 class NoiseBank:
@@ -32,22 +37,27 @@ class NoiseBank:
         smooth, white = _smooth(rng, size, _NOISE_BLUR), rng.standard_normal(size, dtype=np.float32)
         noise = np.sqrt(_SMOOTH_SHARE) * smooth + np.sqrt(1.0 - _SMOOTH_SHARE) * white
         self._noise = np.clip(np.rint(_NOISE_UNIT * noise), -127, 127).astype(np.int8)
-        shift = np.rint(spec.sensor.sideways_px * _smooth(rng, size, _SHIFT_BLUR))
-        self._shift = np.clip(shift, -3, 3).astype(np.int8)
+        du, dv = (
+            np.clip(np.rint(spec.sensor.sideways_px * _smooth(rng, size, _SHIFT_BLUR)), -BORDER, BORDER)
+            for _ in range(2)
+        )
+        self._shift = (dv * camera.width + du).astype(np.int16)
         self._chance = rng.integers(0, 65536, size, dtype=np.uint16)
+        # The ranks of a smooth field are uniform: patches, not dots.
+        ranks = np.argsort(np.argsort(_smooth(rng, size, _VEIL_BLUR), axis=None))
+        self._veil = (ranks * 65536 // ranks.size).astype(np.uint16).reshape(size)
 
-    def windows(self, number: int) -> tuple[NDArray[np.int8], ...]:
-        """Return windows (height, width) of frame `number`: noise, noise, shift along u, shift along v."""
+    def errors(self, number: int) -> tuple[NDArray[Any], ...]:
+        """Return windows (height, width) of a frame: noise, noise, shift in the flat image [px], chance."""
         rng = np.random.default_rng([*self._entropy, number])
-        fields = (self._noise, self._noise, self._shift, self._shift)
+        fields = (self._noise, self._noise, self._shift, self._chance)
         return tuple(self._window(field, rng) for field in fields)
 
-    def chances(self, number: int) -> tuple[NDArray[np.uint16], ...]:
-        """Return two windows (height, width), uniform from 0 to 65535, of frame `number`."""
-        rng = np.random.default_rng([*self._entropy, number, 1])
-        return self._window(self._chance, rng), self._window(self._chance, rng)
+    def veil(self, number: int) -> NDArray[np.uint16]:
+        """Return what opacity is compared with in a frame (height, width): 0 to 65535, in patches."""
+        return self._window(self._veil, np.random.default_rng([*self._entropy, number, 1]))
 
-    def _window(self, field: NDArray, rng: np.random.Generator) -> NDArray:  # type: ignore[type-arg]
+    def _window(self, field: NDArray[Any], rng: np.random.Generator) -> NDArray[Any]:
         v, u = (int(k) for k in rng.integers(0, _SLACK, 2))
         return field[v : v + self._size[0], u : u + self._size[1]]
 
@@ -66,9 +76,8 @@ class DepthSensor:
         self._steps = 1000.0 / s.step_mm  # disparity [steps] at 1 m
         self._shadow = camera.fx * s.baseline_m  # disparity [px] at 1 m
         # From an edge in px of disparity to one in nearness; without a baseline there are no edges.
-        self._edge = s.edge_px / self._shadow if self._shadow > 0.0 else np.inf
-        self._chances = np.array([s.edge_holes, s.dropouts]) * 65536.0
-        self._least = s.least_echo
+        edge = s.edge_px / self._shadow if self._shadow > 0.0 else np.inf
+        self._loss = np.array([self._shadow, edge, s.edge_holes, s.dropouts, s.least_echo])
         self._noise = s.noise_steps / _NOISE_UNIT / np.sqrt(2.0)
         self._table = self._depths(spec.nearest_m, spec.farthest_m)
 
@@ -78,73 +87,93 @@ class DepthSensor:
         z = self._steps / np.maximum(disparity, 1e-9)
         return np.where((z >= nearest) & (z <= farthest), np.rint(1000.0 * z), 0.0).astype(np.uint16)
 
-    def shade(self, nearness: NDArray[np.float32], lit: NDArray[np.bool_], top: int, bottom: int) -> None:
-        """Write to rows `top` to `bottom` of `lit` (height, width) what the projector reaches."""
-        _shade(nearness, lit, top, bottom, self._shadow)
+    def lose(self, canvas: Canvas, loss: NDArray[np.uint16], window: Window) -> None:
+        """Write to `loss` (height, width) how probable it is that a pixel has no depth, 0 to 65535.
 
-    def sense(
-        self,
-        number: int,
-        nearness: NDArray[np.float32],
-        lit: NDArray[np.bool_],
-        echo: NDArray[np.float32],
-    ) -> NDArray[np.uint16]:
-        """Return the depth image [mm] of frame `number`; `echo` is reflectance x cosine; all (height, width)."""
-        out = np.empty(nearness.shape, np.uint16)
-        a, b, du, dv = self.bank.windows(number)
-        edge, loss = self.bank.chances(number)
-        _sense(
-            *(nearness, lit, echo, a, b, du, dv, edge, loss, self._table, out),
-            *(self._steps, self._noise, self._edge, *self._chances, self._least),
-        )
+        Because the projector does not reach it, because it is at an edge, or because too little comes back.
+        Only what the parts drawn in `window` change is written; the rest must be there already.
+        """
+        if window.left < window.right and window.top < window.bottom:
+            fields = (canvas.nearness, canvas.echo, canvas.owner, loss)
+            top, bottom = max(0, window.top - 1), min(len(loss), window.bottom + 1)
+            _lose(*fields, top, bottom, min(loss.shape[1], window.right + 2), self._loss)
+
+    def sense(self, number: int, canvas: Canvas, loss: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """Return the depth image [mm] (height, width) of frame `number`."""
+        out = np.empty(loss.shape, np.uint16)
+        noise_a, noise_b, shift, chance = self.bank.errors(number)
+        fields = (canvas.nearness, loss, noise_a, noise_b, shift, chance)
+        _sense(*fields, self._table, out, self._steps, self._noise)
         return out
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _shade(nearness, lit, top, bottom, scale):  # type: ignore[no-untyped-def]
-    width = nearness.shape[1]
-    most = 1
+@njit(cache=True, nogil=True)
+def _lose(
+    nearness: Image,
+    echo: Image,
+    owner: NDArray[np.int16],
+    loss: NDArray[np.uint16],
+    top: int,
+    bottom: int,
+    right: int,
+    settings: Array,
+) -> None:
+    height, width = nearness.shape
+    scale, edge, edge_holes, dropouts, least = settings
     for v in range(top, bottom):
+        most = np.float32(0.0)
         for u in range(width):
-            most = max(most, int(nearness[v, u] * scale) + 2)
-    # The nearest disparity in every column of the projector's own picture; epipolar lines are the rows.
-    first = np.empty(width + most + 2, np.float32)
-    for v in range(top, bottom):
-        first[:] = 0.0
+            most = max(most, nearness[v, u])
+        offset = int(most * scale) + 2
+        # The nearest disparity in every column of the projector's own picture; epipolar lines are the rows.
+        first = np.zeros(width + offset + 2, np.float32)
         for u in range(width):
             d = nearness[v, u] * scale
-            c = int(u - d + most)
+            c = int(u - d + offset)
             first[c] = max(first[c], d)
             first[c + 1] = max(first[c + 1], d)
-        for u in range(width):
-            d = nearness[v, u] * scale
+        for u in range(right):
+            n = nearness[v, u]
+            d = n * scale
             # Up to one pixel of disparity is the slope of a surface, not something before it.
-            lit[v, u] = d + 1.0 >= first[int(u - d + most + 0.5)]
+            if n <= 0.0 or d + 1.0 < first[int(u - d + offset + 0.5)]:
+                loss[v, u] = 65535
+                continue
+            jump = max(abs(nearness[v, max(u - 2, 0)] - n), abs(nearness[v, min(u + 2, width - 1)] - n))
+            jump = max(jump, abs(nearness[max(v - 1, 0), u] - n))
+            jump = max(jump, abs(nearness[min(v + 1, height - 1), u] - n))
+            if jump <= edge and owner[v, u] < 0:
+                continue
+            weak = (least / max(echo[v, u] * n * n, 1e-9)) ** 3
+            kept = (1.0 - dropouts) / (1.0 + weak)
+            if jump > edge:
+                kept *= 1.0 - edge_holes
+            loss[v, u] = int(65535.0 * (1.0 - kept))
 
 
-@njit(cache=True, nogil=True, fastmath=False)  # type: ignore[untyped-decorator]
-def _sense(  # type: ignore[no-untyped-def]
-    nearness, lit, echo, noise_a, noise_b, du, dv, edge_chance, loss_chance, table, out, steps, noise, edge,
-    holes, dropouts, least,
-):  # fmt: skip
+@njit(cache=True, nogil=True)
+def _sense(
+    nearness: Image,
+    loss: NDArray[np.uint16],
+    noise_a: NDArray[np.int8],
+    noise_b: NDArray[np.int8],
+    shift: NDArray[np.int16],
+    chance: NDArray[np.uint16],
+    table: NDArray[np.uint16],
+    out: NDArray[np.uint16],
+    steps: float,
+    noise: float,
+) -> None:
     height, width = nearness.shape
+    flat_nearness, flat_loss = nearness.ravel(), loss.ravel()
+    last = len(table) - 1
     for v in range(height):
+        inside = BORDER <= v < height - BORDER
         for u in range(width):
-            sv, su = min(max(v + dv[v, u], 0), height - 1), min(max(u + du[v, u], 0), width - 1)
-            n = nearness[sv, su]
-            out[v, u] = 0
-            if n <= 0.0 or not lit[sv, su]:
-                continue
-            if edge_chance[v, u] < holes:
-                left, right = nearness[sv, max(su - 2, 0)], nearness[sv, min(su + 2, width - 1)]
-                above, below = nearness[max(sv - 1, 0), su], nearness[min(sv + 1, height - 1), su]
-                jump = max(max(abs(left - n), abs(right - n)), max(abs(above - n), abs(below - n)))
-                if jump > edge:
-                    continue
-            # Half of the rays are lost at the least echo, an eighth of the loss at twice of it.
-            weak = least / max(echo[sv, su] * n * n, 1e-9)
-            if loss_chance[v, u] < dropouts + 65536.0 * weak * weak * weak / (1.0 + weak * weak * weak):
-                continue
-            d = int(n * steps + noise * (noise_a[v, u] + noise_b[v, u]) + 0.5)
-            if 0 < d < len(table):
-                out[v, u] = table[d]
+            at = v * width + u
+            if inside and BORDER <= u < width - BORDER:
+                at += shift[v, u]
+            d = int(flat_nearness[at] * steps + noise * (noise_a[v, u] + noise_b[v, u]) + 0.5)
+            z = table[min(max(d, 0), last)]
+            # A chance of 65535 loses what is lost for certain.
+            out[v, u] = z if chance[v, u] >= flat_loss[at] and flat_loss[at] < 65535 else 0

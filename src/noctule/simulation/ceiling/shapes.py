@@ -23,6 +23,8 @@ class Shape(IntEnum):
 COLUMNS = 22
 """A part as a row: shape; centre (3); rotation (9), part to frame; half (3); inner radius; opacity;
 reflectance; RGB (3)."""
+OPACITY, REFLECTANCE, RED = 17, 18, 19
+"""Places in a row."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,13 +44,14 @@ class DepthSensorSpec(Settings):
     edge_px: float = Field(2.0, gt=0.0, le=100.0, description="disparity jump that makes holes [px]")
     edge_holes: float = Field(0.35, ge=0.0, le=1.0, description="share of pixels at a jump with no depth")
     dropouts: float = Field(0.001, ge=0.0, le=1.0, description="share of pixels with no depth anywhere")
+    colour_noise: float = Field(2.0, ge=0.0, le=50.0, description="sd of a colour pixel [grey levels]")
     least_echo: float = Field(
         0.008, ge=0.0, le=1.0, description="reflectance x cosine / (depth [m])^2 at which half is lost"
     )
 
 
 class CeilingSpec(Settings):
-    """A depth camera on the ceiling and what the vehicle looks like from there; the defaults are Table 2's."""
+    """A depth camera on the ceiling, and what the vehicle wears; the defaults are Table 2's."""
 
     width_px: int = Field(_PINHOLE.width, ge=16, le=1920, description="[px]")
     height_px: int = Field(_PINHOLE.height, ge=16, le=1200, description="[px]")

@@ -67,7 +67,7 @@ def _person(thing: ThingPose, size: Triple) -> list[Part]:
             (0.098, 0.082, 0.055 * h),
             reflectance=0.12,
             rgb=_HAIR[thing.look % len(_HAIR)],
-        ),  # fmt: skip
+        ),
         Part(Shape.ELLIPSOID, (0.0, 0.0, 0.795 * h), (0.65 * deep, 0.95 * wide, 0.055 * h), rgb=shirt),
         Part(Shape.ELLIPSOID, (0.0, 0.0, 0.665 * h), (0.8 * deep, 0.72 * wide, 0.2 * h), rgb=shirt),
     ]
@@ -125,7 +125,7 @@ def _chair(thing: ThingPose, size: Triple) -> list[Part]:
             (0.02, wide, (h - seat) / 2.0),
             reflectance=0.3,
             rgb=cloth,
-        ),  # fmt: skip
+        ),
         *legs,
     ]
 
