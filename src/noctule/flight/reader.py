@@ -7,7 +7,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import cv2
 import numpy as np
@@ -15,13 +15,17 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Header, Message, Metadata
 from mcap.stream_reader import StreamReader
+from zstandard import ZstdError
 
 from noctule.errors import NoctuleError
 from noctule.flight import codec
 from noctule.flight.recording import FORMAT
 from noctule.messages import Command, Decision, Observation, Picture, Truth
 
-_MAGIC = b"\x89MCAP0\r\n"
+MAGIC = b"\x89MCAP0\r\n"
+"""What every MCAP file begins and ends with."""
+UNREADABLE = (McapError, ValueError, struct.error, ZstdError)
+"""What the MCAP library raises where a file was cut or damaged."""
 _FOOTER = 0x02
 
 
@@ -87,23 +91,22 @@ def decode_picture(data: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:
 
 def whole_records(data: bytes) -> tuple[int, bool]:
     """Return how many bytes of an MCAP file are whole records, and whether the file was closed."""
-    at = len(_MAGIC)
+    at = len(MAGIC)
     while at + 9 <= len(data):
         kind, length = struct.unpack_from("<BQ", data, at)
         if kind == 0 or at + 9 + length > len(data):
             return at, False
         at += 9 + length
         if kind == _FOOTER:
-            return at, data[at:] == _MAGIC
+            return at, data[at:] == MAGIC
     return at, False
 
 
-def _records(data: bytes) -> Iterator[Any]:
-    size, _ = whole_records(data)
-    stream = io.BytesIO(data[len(_MAGIC) : size])
+def records_of(stream: IO[bytes]) -> Iterator[Any]:
+    """Yield the records of an MCAP file whose magic was read, up to where it was cut or damaged."""
     try:
         yield from StreamReader(stream, skip_magic=True, validate_crcs=True).records
-    except (McapError, ValueError, struct.error):
+    except UNREADABLE:
         # The end of what can be read: nothing behind it is lost by stopping here.
         return
 
@@ -164,7 +167,7 @@ def read_recording(path: Path) -> Recording:
         raise RecordingFileError(
             f"recording {path}: cannot be read ({error.strerror}); expected the .mcap file of a flight"
         ) from error
-    if not data.startswith(_MAGIC):
+    if not data.startswith(MAGIC):
         raise RecordingFileError(
             f"recording {path}: this is no MCAP file; expected the .mcap file of a flight"
         )
@@ -172,7 +175,7 @@ def read_recording(path: Path) -> Recording:
     notes: dict[str, dict[str, str]] = {}
     files: dict[str, bytes] = {}
     builder = _Builder()
-    for record in _records(data):
+    for record in records_of(io.BytesIO(data[len(MAGIC) : whole_records(data)[0]])):
         if isinstance(record, Header) and record.profile != FORMAT:
             raise RecordingFileError(
                 f"recording {path}: its format is {record.profile!r}, this version reads {FORMAT!r}; "

@@ -1,0 +1,147 @@
+"""Which depth frames cannot be used, and why: a reason with a name, never an exception in flight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noctule.camera import PinholeCamera
+from noctule.messages import DepthFrame
+from noctule.vision.depth.background import Background, fits
+
+MIN_VALID = 0.2  # of the pixels in which the background has readings; without one, of all
+MIN_FIT = 0.7  # of the background that can be seen; a camera tilted by one degree stays below
+_STRIDE = 16  # every 16th pixel of every 16th row tells
+_NEAREST, _FARTHEST = 500.0, 12_000.0  # [mm], no room's usual depth lies outside
+_UNITS = {1e-3: "metres", 0.1: "centimetres", 5.0: "fifths of a millimetre", 10.0: "tenths of a millimetre"}
+_NEAR = 1.5  # a usual depth within this factor of the room's in another unit is in that unit
+_LOOK_EVERY = 0.5  # [s], how often the camera is looked after
+
+MOVED = "moved camera"
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What frames of a camera look like."""
+
+    width: int  # [px]
+    height: int  # [px]
+    known: NDArray[np.bool_]  # where the background has readings, every 16th pixel of every 16th row
+    usual: float | None  # [mm], the background's median depth; None without a background
+
+    @classmethod
+    def of(cls, camera: PinholeCamera, background: Background | None = None) -> Expected:
+        """Return what to expect of a camera, and of the room where its background is known."""
+        if background is None:
+            known = np.ones((camera.height, camera.width), dtype=np.bool_)[::_STRIDE, ::_STRIDE]
+            return cls(camera.width, camera.height, known, None)
+        known = background.count[::_STRIDE, ::_STRIDE] > 0
+        usual = float(np.median(background.mean[::_STRIDE, ::_STRIDE][known])) if known.any() else None
+        return cls(camera.width, camera.height, known, usual)
+
+
+def check_frame(frame: DepthFrame, expected: Expected) -> str:
+    """Return why a frame cannot be used, "name: what was found, expected, to do", or "" when it can.
+
+    The names are wrong resolution, wrong unit, all zero, too few readings. Never raises.
+    """
+    depth = frame.depth
+    if depth.ndim != 2:
+        return f"wrong resolution: found an array of {depth.ndim} axes, expected a depth image of two"
+    height, width = depth.shape
+    if (width, height) != (expected.width, expected.height):
+        return (
+            f"wrong resolution: found {width}x{height} px, expected {expected.width}x{expected.height} px; "
+            "set the camera to that, or calibrate it again as it is"
+        )
+    if depth.dtype != np.uint16:
+        return _other_type(depth)
+    seen = depth[::_STRIDE, ::_STRIDE]
+    valid = seen > 0
+    readings = seen[valid]
+    if not readings.size and not depth.any():
+        return "all zero: no pixel has a depth; is the sensor's projector on and its lens free?"
+    share = int(np.count_nonzero(valid & expected.known)) / max(int(np.count_nonzero(expected.known)), 1)
+    if share < MIN_VALID:
+        return (
+            f"too few readings: {100.0 * share:.0f} % of the picture has a depth, expected at least "
+            f"{100.0 * MIN_VALID:.0f} %; is the lens free, and no sunlight in the room?"
+        )
+    return _other_unit(float(np.median(readings)), expected.usual)
+
+
+def _other_type(depth: NDArray[Any]) -> str:
+    found = f"wrong unit: found {depth.dtype}, expected uint16 millimetres"
+    if np.issubdtype(depth.dtype, np.floating):
+        real = depth[np.isfinite(depth) & (depth > 0.0)]
+        if real.size and float(np.median(real)) < _NEAREST:
+            return found + "; these look like metres, have the camera send millimetres"
+    return found + "; have the camera send these"
+
+
+def _other_unit(usual: float, room: float | None) -> str:
+    if room is not None:
+        for per_millimetre, unit in _UNITS.items():
+            meant = room * per_millimetre
+            if meant / _NEAR - 1.0 < usual < meant * _NEAR + 1.0:
+                return _unit_reason(usual, unit, f"about {room:.0f} as in the background")
+    elif usual < _NEAREST:
+        return _unit_reason(usual, "metres or centimetres", f"{_NEAREST:.0f} to {_FARTHEST:.0f}")
+    elif usual > _FARTHEST:
+        return _unit_reason(usual, "tenths or fifths of a millimetre", f"{_NEAREST:.0f} to {_FARTHEST:.0f}")
+    return ""
+
+
+def _unit_reason(usual: float, unit: str, expected: str) -> str:
+    return (
+        f"wrong unit: the usual depth is {usual:.0f}, expected {expected} [mm]; these look like {unit}, have "
+        "the camera send millimetres"
+    )
+
+
+def check_camera(frame: DepthFrame, background: Background) -> str:
+    """Return why the background no longer fits a frame that `check_frame` found sound, "" when it does.
+
+    One frame tells, because what moves about in the room has no say; 1.5 ms. A camera that turned about the
+    vertical or moved sideways over a bare level floor sees the same, and is not found.
+    """
+    fit = fits(background, frame.depth)
+    if fit >= MIN_FIT:
+        return ""
+    return (
+        f"{MOVED}: {100.0 * fit:.0f} % of the background that can be seen is where it was learned, expected "
+        f"at least {100.0 * MIN_FIT:.0f} %; put the camera back, or calibrate it and learn the "
+        "background again"
+    )
+
+
+class FrameHealth:
+    """Checks the frames of a stream: each by itself, and twice a second whether the camera still hangs there.
+
+    While it does not, every frame is looked at, so that the first that fits again is used.
+    """
+
+    def __init__(self, camera: PinholeCamera, background: Background) -> None:
+        self._background = background
+        self._expected = Expected.of(camera, background)
+        self._looked = -math.inf  # [s]
+        self._moved = ""
+
+    def check(self, frame: DepthFrame) -> str:
+        """Return why a frame cannot be used, "" when it can; never raises."""
+        reason = check_frame(frame, self._expected)
+        if reason:
+            return reason
+        if self._moved or not 0.0 <= frame.stamp - self._looked < _LOOK_EVERY:
+            self._looked = frame.stamp
+            self._moved = check_camera(frame, self._background)
+        return self._moved
+
+
+def name_of(reason: str) -> str:
+    """Return the name of a reason: what stands before its first colon."""
+    return reason.split(":", 1)[0]

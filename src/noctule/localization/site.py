@@ -1,0 +1,171 @@
+"""A site: the folder of a depth camera that stands in a room, and of what it was taught to see.
+
+camera.toml      the camera: intrinsics, distortion, where it hangs, the constant offset of its measurements
+background.npz   the empty room
+detector.toml    what the blob of the drone looks like, by each method
+template.npz     the drone's top view
+
+camera.toml comes first; the others are learned with that camera, and refused when it is replaced by another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from noctule.camera import CEILING_CAMERA, FixedCamera, PinholeCamera
+from noctule.geometry import Array
+from noctule.localization.calibration.lens import Lens
+from noctule.localization.site_files import (
+    FORMAT,
+    SiteCameraError,
+    SiteFileError,
+    read_arrays,
+    read_toml,
+    save_arrays,
+    take,
+    toml,
+    write_whole,
+)
+from noctule.localization.template import Template, TemplateError
+from noctule.settings import Settings
+from noctule.vision.depth.background import Background
+
+CAMERA, BACKGROUND, TEMPLATE, DETECTOR = "camera.toml", "background.npz", "template.npz", "detector.toml"
+_SAME_CAMERA = 0.1  # [px]
+_CALIBRATE = "calibrate the camera again with `noctule calibrate camera`"
+_LEARN_ROOM = "learn the empty room with `noctule calibrate background`"
+_LEARN_VIEW = "learn the drone's top view with `noctule calibrate template`"
+_HEADER = """\
+# A depth camera that stands in the room. Pixels, metres; world x forward, y left, z up, 0 on the floor.
+# R_world_camera takes camera axes (right, down, forward) to the world. lens: OpenCV's k1, k2, p1, p2.
+# offset: what is measured minus what is true, subtracted from every position.
+"""
+_PINHOLE = ("width", "height", "fx", "fy", "cx", "cy")
+
+Finite = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+Three = tuple[Finite, Finite, Finite]
+
+
+@dataclass(frozen=True, slots=True)
+class SiteCamera:
+    """The camera of a site."""
+
+    camera: FixedCamera
+    lens: Lens = field(default_factory=Lens)  # taken out where frames are read
+    offset: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m], measured minus true, world
+
+
+SIMULATED = SiteCamera(CEILING_CAMERA)
+"""The camera of the simulated room."""
+
+
+class _CameraFile(Settings):
+    """What camera.toml holds."""
+
+    width: int = Field(ge=16, le=10000)
+    height: int = Field(ge=16, le=10000)
+    fx: float = Field(gt=0, le=1e5)
+    fy: float = Field(gt=0, le=1e5)
+    cx: float = Field(ge=-1e5, le=1e5)
+    cy: float = Field(ge=-1e5, le=1e5)
+    R_world_camera: tuple[Three, Three, Three]
+    t_world_camera: Three
+    lens: tuple[Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 0.0)
+    offset: Three = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _a_rotation(self) -> _CameraFile:
+        R = np.array(self.R_world_camera)
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0.0:
+            raise ValueError("R_world_camera is no rotation, to 1e-6")
+        return self
+
+
+def save_camera(folder: Path, camera: SiteCamera) -> None:
+    """Write camera.toml; raises SiteFileError."""
+    fixed = camera.camera
+    values = {
+        "format": FORMAT,
+        **{name: getattr(fixed.intrinsics, name) for name in _PINHOLE},
+        "R_world_camera": np.asarray(fixed.R_world_camera).tolist(),
+        "t_world_camera": np.asarray(fixed.t_world_camera).tolist(),
+        "lens": camera.lens.coefficients.tolist(),
+        "offset": np.asarray(camera.offset).tolist(),
+    }
+    write_whole(folder / CAMERA, (_HEADER + toml(values)).encode())
+
+
+def load_camera(folder: Path) -> SiteCamera:
+    """Read camera.toml; raises SiteFileError, SiteFormatError."""
+    file = read_toml(folder / CAMERA, _CameraFile, _CALIBRATE)
+    intrinsics = PinholeCamera(file.width, file.height, file.fx, file.fy, file.cx, file.cy)
+    fixed = FixedCamera(intrinsics, np.array(file.R_world_camera), np.array(file.t_world_camera))
+    return SiteCamera(fixed, Lens(*file.lens), np.array(file.offset))
+
+
+def _intrinsics(camera: FixedCamera) -> Array:
+    return np.array([float(getattr(camera.intrinsics, name)) for name in _PINHOLE])
+
+
+def check_made_by(path: Path, made_by: Array, camera: FixedCamera, remedy: str) -> None:
+    """Raise SiteCameraError unless the intrinsics (6,) of the camera that made a file are the site's."""
+    for name, made, own in zip(_PINHOLE, made_by, _intrinsics(camera), strict=True):
+        if abs(made - own) > _SAME_CAMERA:
+            raise SiteCameraError(
+                f"site file {path}: it was made with a camera of {name} {made:g} px, camera.toml says "
+                f"{own:g}; {remedy}, or put the camera back"
+            )
+
+
+def save_background(folder: Path, background: Background, camera: FixedCamera) -> None:
+    """Write background.npz, which only this camera may use; raises SiteFileError."""
+    save_arrays(
+        folder / BACKGROUND,
+        {
+            "camera": _intrinsics(camera),
+            "mean": background.mean,
+            "deviation": background.deviation,
+            "count": background.count,
+            "nearest": background.nearest,
+            "frames": np.array(background.frames),
+            "deviations": np.array(background.deviations),
+        },
+    )
+
+
+def load_background(folder: Path, camera: FixedCamera) -> Background:
+    """Read background.npz; raises SiteFileError, SiteFormatError, SiteCameraError."""
+    path = folder / BACKGROUND
+    arrays = read_arrays(path, _LEARN_ROOM)
+    check_made_by(path, take(arrays, "camera", np.float64, (6,), path, _LEARN_ROOM), camera, _LEARN_ROOM)
+    shape = (camera.intrinsics.height, camera.intrinsics.width)
+    mean, deviation = (
+        take(arrays, name, np.float32, shape, path, _LEARN_ROOM) for name in ("mean", "deviation")
+    )
+    return Background(
+        mean,
+        deviation,
+        take(arrays, "count", np.int32, shape, path, _LEARN_ROOM),
+        take(arrays, "nearest", np.uint16, shape, path, _LEARN_ROOM),
+        int(take(arrays, "frames", np.int64, (), path, _LEARN_ROOM)),
+        float(take(arrays, "deviations", np.float64, (), path, _LEARN_ROOM)),
+    )
+
+
+def save_template(folder: Path, template: Template) -> None:
+    """Write template.npz; raises SiteFileError."""
+    save_arrays(folder / TEMPLATE, template.arrays())
+
+
+def load_template(folder: Path) -> Template:
+    """Read template.npz; raises SiteFileError, SiteFormatError."""
+    path = folder / TEMPLATE
+    try:
+        return Template.from_arrays(read_arrays(path, _LEARN_VIEW))
+    except TemplateError as error:
+        raise SiteFileError(f"site file {path}: {str(error).rsplit(';', 1)[0]}; {_LEARN_VIEW}") from None
