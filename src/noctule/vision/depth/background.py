@@ -80,17 +80,26 @@ def deviation_floor(depth: Millimetres, step_at_1m: float) -> Millimetres:
     return np.asarray(np.maximum(0.5 * step_at_1m * (1e-3 * depth) ** 2, 1.0), dtype=np.float32)
 
 
-def _usual(frames: list[Depth]) -> tuple[Millimetres, Millimetres, Mask]:
-    """Return median and spread (from the quartiles) of the valid readings, and where there is one at all."""
-    stack = np.stack(frames)
-    stack[stack == 0] = np.iinfo(np.uint16).max  # sorts behind every reading
+def _median(stack: NDArray[np.int32]) -> tuple[Millimetres, Mask]:
+    """Return the lower median over the first axis of what is not negative, and where there is anything."""
+    stack = np.where(stack < 0, np.iinfo(np.int32).max, stack)
     stack.sort(axis=0)
-    n = (stack < np.iinfo(np.uint16).max).sum(axis=0)
-    low, middle, high = (
-        np.take_along_axis(stack, (np.maximum(n - 1, 0) * q // 4)[None], axis=0)[0].astype(np.float32)
-        for q in (1, 2, 3)
-    )
-    return middle, (high - low) / np.float32(1.349), n > 0
+    n = (stack < np.iinfo(np.int32).max).sum(axis=0)
+    middle = np.take_along_axis(stack, (np.maximum(n - 1, 0) // 2)[None], axis=0)[0]
+    return np.where(n > 0, middle, 0).astype(np.float32), n > 0
+
+
+def _usual(frames: list[Depth]) -> tuple[Millimetres, Millimetres, Mask]:
+    """Return the median of the valid readings, their spread, and where there is one at all.
+
+    The spread is that of the differences from frame to frame: a glossy surface that never reads the same
+    has a large one, one before which somebody stood for some of the frames has not.
+    """
+    z = np.stack(frames).astype(np.int32)
+    valid = z > 0
+    usual, known = _median(np.where(valid, z, -1))
+    difference, _ = _median(np.where(valid[1:] & valid[:-1], np.abs(np.diff(z, axis=0)), -1))
+    return usual, difference * np.float32(1.4826 / np.sqrt(2.0)), known
 
 
 class _Motion:

@@ -12,7 +12,9 @@ from noctule.vision.depth.errors import check_depth
 from noctule.vision.depth.scan import scan
 
 MIN_AREA = 50  # [px]
-DEPTH_STEP = 0.3  # [m]
+DEPTH_STEP = 0.15  # [m]
+"""Of 120 drones 0.4 to 0.75 m beside or over a person 0.81 were apart with all neighbours connected (with the
+hull 0.60), 0.98 (0.88) at 0.3 m, all (0.93) at 0.15 m; the drone alone keeps its area at each of them."""
 
 Labels = NDArray[np.int32]
 Region = tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom lie just outside

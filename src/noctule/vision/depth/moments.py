@@ -77,8 +77,8 @@ def shape_distance(phi_a: Array, phi_b: Array, least: float = 1e-12) -> float:
     """Return how far two shapes are apart by their Hu moments (7,); 0 when they are the same.
 
     Eq. (16) of Santos et al., corrected: max over i of |m_a - m_b| / |m_a| with m = sgn(phi) log |phi|; not
-    symmetric, so `phi_a` is the pattern. An invariant not above `least` is rounding and its sign a coin's:
-    where both shapes have such a one it has no say, where one has, it counts as `least` with the other's sign.
+    symmetric, so `phi_a` is the pattern. An invariant not above `least` is rounding and its sign a coin's: it
+    has no say where both shapes have such a one; where one has, it counts as `least` with the other's sign.
     """
     phi = np.stack([phi_a, phi_b]).astype(np.float64)
     tiny = np.abs(phi) <= least
