@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from noctule.cli.options import Flag, Seed
+
+Preview = Annotated[bool, Parameter(name="--preview", negative="--no-preview")]
 
 
 def teach(
     *,
     out: Path,
     waypoints: Path | None = None,
+    keyboard: Flag = False,
+    keys: Path | None = None,
     recording: Path | None = None,
     video: Path | None = None,
     device: int | None = None,
@@ -21,9 +29,10 @@ def teach(
     stabilised: Flag = False,
     seconds: float = 30.0,
     at: str | None = None,
+    preview: Preview = True,
     json: Flag = False,
 ) -> int:
-    """Teach a path from exactly one source: a simulated flight, a recording, a video or a camera.
+    """Teach a path from exactly one source: a simulated flight, a keyboard, a recording, a video or a camera.
 
     Key images are chosen by themselves, or taken where --at says. Exit code 0 if and only if the path can be
     repeated.
@@ -34,6 +43,12 @@ def teach(
         The folder for the path; it must be new or empty.
     waypoints
         A TOML file with poses = [[x, y, z, heading in degrees], ...], flown in the room of --mission.
+    keyboard
+        Fly in the room of --mission by the keys of this terminal: w/s forward and back, a/d left and right,
+        q/e turn, r/f up and down, x hover, space take a key image, u undo the last, enter finish; esc and
+        Ctrl-C leave, and keep what was taken.
+    keys
+        The same flight by a file of a time [s] and a key on each line, faster than real time.
     recording
         The recording (.mcap) of a flight.
     video
@@ -41,9 +56,9 @@ def teach(
     device
         A camera of this machine, by OpenCV's number; the first is 0.
     mission
-        With --waypoints: whose room, vehicle and camera; left out, two-columns. Its columns are left out.
+        In simulation: whose room, vehicle and camera; left out, two-columns. Its columns are left out.
     seed
-        With --waypoints: what draws the room. Left out, the mission's.
+        In simulation: what draws the room. Left out, the mission's.
     camera
         With --video or --device: a TOML file with width, height, fx, fy, cx, cy [px].
     focal
@@ -53,7 +68,9 @@ def teach(
     seconds
         With --device: for how long.
     at
-        Take the key images at these times [s], as 0,1.5,3.2.
+        Take the key images at these times [s], as 0,1.5,3.2; by hand, only where space is pressed: keys.
+    preview
+        With --keyboard: show what the camera sees.
     json
         End standard output with one JSON object.
     """
@@ -62,6 +79,7 @@ def teach(
     source = Source(
         waypoints, recording, video, device, mission, camera, focal, stabilised, seconds, at, seed
     )
+    source = replace(source, keyboard=keyboard, keys=keys, preview=preview)
     return teach_path(source, out, json)
 
 

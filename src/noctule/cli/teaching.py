@@ -1,4 +1,4 @@
-"""`noctule teach`: a path folder from a simulated flight, a recording, a video or a camera."""
+"""`noctule teach`: a path folder from a simulated flight, a keyboard, a recording, a video or a camera."""
 
 from __future__ import annotations
 
@@ -14,7 +14,13 @@ from noctule.errors import NoctuleError
 
 if TYPE_CHECKING:
     from noctule.camera import CameraMount, PinholeCamera
+    from noctule.flight.teach_video import Taken
     from noctule.vision.key_images import Frame
+
+
+_SOURCES = ("waypoints", "keyboard", "keys", "recording", "video", "device")
+BY_KEY = "keys"
+"""`--at` this: key images only where the person says."""
 
 
 class TeachSourceError(NoctuleError):
@@ -36,19 +42,21 @@ class Source:
     seconds: float = 30.0
     at: str | None = None
     seed: int | None = None
+    keyboard: bool = False
+    keys: Path | None = None
+    preview: bool = True
 
     def checked(self) -> Source:
         """Return it; raises TeachSourceError unless the options go together."""
         given = [
-            name for name in ("waypoints", "recording", "video", "device") if getattr(self, name) is not None
+            name for name in _SOURCES if getattr(self, name) is not None and getattr(self, name) is not False
         ]
         if len(given) != 1:
             found = " and ".join(f"--{name}" for name in given) or "none"
-            raise TeachSourceError(
-                f"teach: found {found}, expected exactly one of --waypoints, --recording, --video, --device"
-            )
+            raise TeachSourceError(f"teach: found {found}, expected exactly one of --{', --'.join(_SOURCES)}")
         (kind,) = given
-        filmed = kind in ("video", "device")
+        filmed, by_hand = kind in ("video", "device"), kind in ("keyboard", "keys")
+        simulated = by_hand or kind == "waypoints"
         if filmed and (self.camera is None) == (self.focal is None):
             raise TeachSourceError(
                 f"teach: --{kind} needs the intrinsics of its camera, by exactly one of --camera FILE and "
@@ -65,20 +73,26 @@ class Source:
         wrong = {
             "--camera": self.camera is not None and not filmed,
             "--focal": self.focal is not None and not filmed,
-            "--mission": self.mission is not None and kind != "waypoints",
-            "--seed": self.seed is not None and kind != "waypoints",
+            "--mission": self.mission is not None and not simulated,
+            "--seed": self.seed is not None and not simulated,
             "--at": self.at is not None and kind == "waypoints",
+            "--no-preview": not self.preview and kind != "keyboard",
         }
         for option, is_wrong in wrong.items():
             if is_wrong:
                 raise TeachSourceError(f"teach: {option} does not go with --{kind}; leave it out")
+        if by_hand and self.at not in (None, BY_KEY):
+            raise TeachSourceError(
+                f"teach: --at is {self.at!r}, with --{kind} expected {BY_KEY}: images where space is pressed"
+            )
         return self
 
 
 def teach_path(source: Source, out: Path, json: bool) -> int:
     """Teach a path into the folder `out`, draw it and judge it.
 
-    Returns 0 when it can be repeated, and 2 when not: the folder stays, to be looked at.
+    Returns 0 when it can be repeated, 2 when not, and 130 when Ctrl-C ended a flight by hand: in every case
+    the folder stays.
     """
     from noctule.flight.path_check import check_path
     from noctule.flight.path_folder import load_path
@@ -86,7 +100,13 @@ def teach_path(source: Source, out: Path, json: bool) -> int:
 
     source = source.checked()
     refuse_existing(out)
-    taken = _flown(source, out) if source.waypoints is not None else _filmed(source, out)
+    interrupted = False
+    if source.waypoints is not None:
+        taken = _flown(source, out)
+    elif source.keyboard or source.keys is not None:
+        taken, interrupted = _by_hand(source, out)
+    else:
+        taken = _filmed(source, out)
     path = load_path(out, refuse=False)
     shown = describe(path, out, out / "contact-sheet.png")
     if json:
@@ -98,6 +118,8 @@ def teach_path(source: Source, out: Path, json: bool) -> int:
         print(f"sheet: {shown.sheet}\npath: {out}")
     faults = check_path(path)
     report_faults(faults)
+    if interrupted:
+        return 130
     return 2 if faults else 0
 
 
@@ -112,6 +134,15 @@ def _flown(source: Source, out: Path) -> list[dict[str, Any]]:
     return []
 
 
+def _by_hand(source: Source, out: Path) -> tuple[list[dict[str, Any]], bool]:
+    from noctule.cli.by_hand import taught_by_hand
+
+    taken, interrupted = taught_by_hand(
+        out, source.mission or "two-columns", source.seed, source.keys, source.at is None, source.preview
+    )
+    return _as_told(taken), interrupted
+
+
 def _filmed(source: Source, out: Path) -> list[dict[str, Any]]:
     from noctule.flight.teach_video import read_times, teach_frames
 
@@ -120,6 +151,10 @@ def _filmed(source: Source, out: Path) -> list[dict[str, Any]]:
     taken = teach_frames(frames, camera, mount, out, times, _progress)
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr)
+    return _as_told(taken)
+
+
+def _as_told(taken: Iterable[Taken]) -> list[dict[str, Any]]:
     return [{"stamp_s": one.stamp, "reason": one.reason} for one in taken]
 
 
