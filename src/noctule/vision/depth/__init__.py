@@ -1,6 +1,6 @@
 """Depth images to foreground, blobs and shapes."""
 
-from noctule.vision.depth.background import Background, BackgroundSettings, fits, learn_background
+from noctule.vision.depth.background import Background, BackgroundSettings, fits
 from noctule.vision.depth.blob import Blob
 from noctule.vision.depth.blobs import find_blobs
 from noctule.vision.depth.errors import (
@@ -9,6 +9,7 @@ from noctule.vision.depth.errors import (
     MovingBackgroundError,
     TooFewFramesError,
 )
+from noctule.vision.depth.learning import learn_background
 from noctule.vision.depth.moments import Ellipse, ellipse, hu_moments, normalised_moments, shape_distance
 
 __all__ = [

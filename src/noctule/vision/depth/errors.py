@@ -44,6 +44,6 @@ def check_depth(depth: NDArray[np.uint16], shape: tuple[int, ...] | None) -> Non
     found = f"{'x'.join(map(str, depth.shape[1::-1] + depth.shape[2:]))} of {depth.dtype}"
     expected = "an image" if shape is None else f"{shape[1]}x{shape[0]}"
     raise DepthFormatError(
-        f"depth frame: found {found}, expected {expected} of uint16 [mm], as the background was learned; set "
-        "the camera's resolution and unit, or learn the background again with `noctule calibrate background`"
+        f"depth frame: found {found}, expected {expected} of uint16 [mm]; set the camera's resolution and unit, "
+        "or learn the background again with `noctule calibrate background`"
     )
