@@ -1,0 +1,147 @@
+"""What nodes send each other: contributions of information, and their bytes.
+
+The layout is fixed and little-endian: magic, version, size n, name of the source, sequence, stamp, yaw and
+heading bias of the linearisation, inflation, i (n numbers), the upper triangle of I row by row, CRC-32 of
+all before. Nothing read from the wire is believed before it is checked: a matrix is positive semidefinite, or the
+message is refused.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from noctule.errors import NoctuleError
+from noctule.estimation.filter_state import SIZES, YAW, heading_bias_index
+from noctule.estimation.gating import MOST_INFLATION
+from noctule.estimation.information_filter import contribution
+from noctule.estimation.measurements import Measurement, linearise
+from noctule.geometry import Array
+
+MAGIC = b"NOCI"
+VERSION = 1
+NAME_BYTES = 16
+_HEAD = struct.Struct(f"<4sHH{NAME_BYTES}sQdddd")
+_CRC = struct.Struct("<I")
+
+
+class ContributionError(NoctuleError):
+    """Bytes, or numbers, that are no contribution."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """What one measurement adds to an information filter's y and Y."""
+
+    stamp: float  # [s], of the measurement
+    source: str  # what measured it
+    sequence: int  # the source's count; with stamp and source the id, so that none counts twice
+    i: Array  # (n,) H' R^-1 z
+    I: Array  # (n, n) H' R^-1 H  # noqa: E741 - the paper's name
+    yaw: float  # [rad], where it was linearised, as the sender counts turns
+    heading_bias: float  # [rad], likewise; 0 when the state has none
+    inflation: float = 1.0  # by which covariances grow before it is added: see gating
+
+
+def contribution_of(x: Array, measurement: Measurement, inflation: float = 1.0) -> Contribution:
+    """Return what `measurement` contributes, linearised at x (n,); it keeps the measurement's id."""
+    residual, H = linearise(x, measurement.components, measurement.z)
+    i, I = contribution(x, residual, H, measurement.R)  # noqa: E741
+    b = heading_bias_index(x.size)
+    bias = float(x[b]) if b >= 0 else 0.0
+    who, count = measurement.source, measurement.sequence
+    return Contribution(measurement.stamp, who, count, i, I, float(x[YAW]), bias, inflation)
+
+
+def to_bytes(part: Contribution) -> bytes:
+    """Return the message of a contribution. Raises ContributionError when it is none."""
+    name = part.source.encode()
+    if not 0 < len(name) <= NAME_BYTES or b"\0" in name:
+        raise ContributionError(
+            f"contribution of {part.source!r}: its name has {len(name)} bytes; "
+            f"expected 1 to {NAME_BYTES} and no zero among them: give the sensor a shorter name"
+        )
+    check(part)
+    n = part.i.size
+    scalars = (part.stamp, part.yaw, part.heading_bias, part.inflation)
+    body = _HEAD.pack(MAGIC, VERSION, n, name, part.sequence, *scalars)
+    body += part.i.astype("<f8").tobytes() + part.I[np.triu_indices(n)].astype("<f8").tobytes()
+    return body + _CRC.pack(zlib.crc32(body))
+
+
+def from_bytes(data: bytes) -> Contribution:
+    """Return the contribution of a message. Raises ContributionError for anything else."""
+    if len(data) < _HEAD.size + _CRC.size:
+        raise ContributionError(
+            f"contribution: {len(data)} bytes; expected at least {_HEAD.size + _CRC.size}: "
+            "is the peer a node?"
+        )
+    magic, version, n, name, sequence, stamp, yaw, heading_bias, inflation = _HEAD.unpack_from(data)
+    if magic != MAGIC or version != VERSION:
+        raise ContributionError(
+            f"contribution: begins with {magic!r} version {version}; expected {MAGIC!r} version {VERSION}: "
+            "run the same version of noctule on every node"
+        )
+    length = message_length(n) if n in SIZES else -1
+    if len(data) != length:
+        raise ContributionError(
+            f"contribution: {len(data)} bytes for a state of {n} numbers; expected {SIZES[0]} to {SIZES[-1]} "
+            f"numbers in {', '.join(str(message_length(k)) for k in SIZES)} bytes"
+        )
+    (crc,) = _CRC.unpack_from(data, length - _CRC.size)
+    if crc != zlib.crc32(data[: -_CRC.size]):
+        raise ContributionError("contribution: its checksum does not match; it was damaged on the way")
+    try:
+        source = name.rstrip(b"\0").decode()
+    except UnicodeDecodeError:
+        source = ""
+    if not source or "\0" in source:
+        raise ContributionError(f"contribution: names its source {name!r}; expected text")
+    numbers = np.frombuffer(data, "<f8", n + n * (n + 1) // 2, _HEAD.size).astype(np.float64)
+    I = np.zeros((n, n))  # noqa: E741
+    I[np.triu_indices(n)] = numbers[n:]
+    I = I + np.triu(I, 1).T  # noqa: E741
+    part = Contribution(stamp, source, sequence, numbers[:n], I, yaw, heading_bias, inflation)
+    check(part)
+    return part
+
+
+def message_length(n: int) -> int:
+    """Return how many bytes the message of a state of `n` numbers has."""
+    return _HEAD.size + 8 * (n + n * (n + 1) // 2) + _CRC.size
+
+
+def check(part: Contribution) -> None:
+    """Raise ContributionError unless the contribution is one that a measurement can have made."""
+    n = part.i.size
+    who = f"contribution {part.sequence} of {part.source!r}"
+    if n not in SIZES or part.i.shape != (n,) or part.I.shape != (n, n):
+        raise ContributionError(
+            f"{who}: i {part.i.shape} and I {part.I.shape}; expected (n,) and (n, n) with n from "
+            f"{SIZES[0]} to {SIZES[-1]}"
+        )
+    scalars = (part.stamp, part.yaw, part.heading_bias)
+    if not (np.isfinite(part.i).all() and np.isfinite(part.I).all() and all(map(math.isfinite, scalars))):
+        raise ContributionError(f"{who}: holds numbers that are not finite; it is refused")
+    if not 0 <= part.sequence < 2**64:
+        raise ContributionError(f"{who}: its sequence is out of range; expected 0 to 2^64 - 1")
+    if not 1.0 <= part.inflation <= MOST_INFLATION:
+        raise ContributionError(
+            f"{who}: inflates covariances by {part.inflation:g}; expected 1 to {MOST_INFLATION:g}"
+        )
+    if not np.array_equal(part.I, part.I.T):
+        raise ContributionError(f"{who}: I is not symmetric; it is refused")
+    values, vectors = np.linalg.eigh(part.I)
+    scale = float(np.abs(values).max())
+    if values[0] < -1e-9 * scale:
+        raise ContributionError(
+            f"{who}: I has an eigenvalue of {values[0]:.3g}; expected none below 0: no measurement makes this"
+        )
+    # A measurement says nothing of directions that it has no information on.
+    silent = np.abs(vectors.T @ part.i)[values <= 1e-9 * scale]
+    if silent.size and silent.max() > 1e-6 * max(1.0, float(np.abs(part.i).max())):
+        raise ContributionError(f"{who}: i speaks of directions in which I holds nothing; it is refused")

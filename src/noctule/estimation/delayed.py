@@ -1,0 +1,284 @@
+"""Measurements at their own time: a filter that remembers about a second and goes back when it has to.
+
+Everything that happened is an event with a stamp: a measurement, a contribution of another node, an input
+taking effect. Events are kept in order of their stamps, each with the state after it; one that comes late is
+put in its place and what follows is worked out again, gates included. So the estimate depends on which events
+came, not on the order in which they did: it is that of a filter that was told everything in time.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from noctule.estimation.compiled import compiled
+from noctule.estimation.contributions import Contribution
+from noctule.estimation.filter_state import FilterError, StateEstimate
+from noctule.estimation.gating import GateSettings, judge
+from noctule.estimation.information_filter import assimilate, turned
+from noctule.estimation.kalman_filter import correct, predict
+from noctule.estimation.measurements import Measurement, linearise
+from noctule.estimation.vehicle_model import ProcessNoise, VehicleModel
+from noctule.geometry import Array
+from noctule.settings import Settings
+
+_NOTHING = np.zeros(4)
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """A command that was sent: normalised for an identified vehicle, velocities for one that follows them."""
+
+    stamp: float  # [s], when it was sent; it takes effect after the model's delay
+    u: Array | None  # (4,) forward, left, up, yaw; None when nobody knows what the vehicle is told
+    source: str = "commands"
+    sequence: int = 0
+
+
+Event = Measurement | Contribution | Input
+
+
+class FilterSettings(Settings):
+    """The fusion's filter."""
+
+    window: float = Field(1.0, gt=0.0, le=10.0, description="how late a measurement may come [s]")
+    most_events: int = Field(1024, ge=16, le=100_000, description="events remembered within the window")
+    input_timeout: float = Field(0.5, gt=0.0, le=10.0, description="a command is believed this long [s]")
+    ahead: float = Field(0.1, ge=0.0, le=10.0, description="how far a stamp may lie in the future [s]")
+    noise: ProcessNoise = ProcessNoise()
+    noise_without_commands: ProcessNoise = ProcessNoise(horizontal=0.6, vertical=0.4, turn=0.6)
+    gate: GateSettings | None = Field(GateSettings(), description="none lets everything in")
+
+
+DEFAULTS = FilterSettings()
+
+
+@compiled
+def sound(x: Array, P: Array) -> bool:
+    """Tell whether mean and covariance hold numbers only, and variances above 0."""
+    for i in range(x.size):
+        if not (np.isfinite(x[i]) and P[i, i] > 0.0):
+            return False
+        for j in range(x.size):
+            if not np.isfinite(P[i, j]):
+                return False
+    return True
+
+
+class _Key(NamedTuple):
+    stamp: float  # [s], when it takes effect
+    rank: int  # inputs before measurements of the same time
+    source: str
+    sequence: int
+
+
+@dataclass(slots=True)
+class _Slot:
+    """An event and what the filter knew after it."""
+
+    key: _Key
+    event: Event | None
+    x: Array
+    P: Array
+    input: Input | None = None  # in force after it
+    since: Mapping[str, float] = field(default_factory=dict)  # of the gates, see gating.Verdict
+    refused: tuple[str, ...] = ()
+
+
+class DelayedFilter:
+    """A filter of measurements, contributions and inputs that may come late, twice or out of order."""
+
+    def __init__(
+        self,
+        start: StateEstimate,
+        model: VehicleModel | None = None,
+        settings: FilterSettings = DEFAULTS,
+    ) -> None:
+        self.settings = settings
+        self.model = model
+        self.dropped: Counter[str] = Counter()  # how many, by reason: see `insert`
+        self._known = (_NOTHING, _NOTHING) if model is None else (model.input_gains, model.drags)
+        self._noise = settings.noise.densities
+        self._noise_without = settings.noise_without_commands.densities
+        self._settled_refusals: Counter[str] = Counter()
+        self._slots = [_Slot(_Key(start.stamp, -1, "", 0), None, start.x, start.P)]
+        self._keys = [self._slots[0].key]
+        self._valid = 1  # slots whose state is worked out
+
+    @property
+    def newest(self) -> float:
+        """The stamp of the newest event [s]."""
+        return self._keys[-1].stamp
+
+    @property
+    def oldest(self) -> float:
+        """The stamp before which nothing is taken any more [s]."""
+        return self._keys[0].stamp
+
+    @property
+    def refusals(self) -> Counter[str]:
+        """How often each source was refused and why: "depth: yaw gate"."""
+        self._settle(len(self._slots))
+        counts = Counter(self._settled_refusals)
+        for slot in self._slots:
+            counts.update(slot.refused)
+        return counts
+
+    def key(self, event: Event) -> _Key:
+        """Return where in time an event belongs."""
+        if isinstance(event, Input):
+            delay = 0.0 if self.model is None else self.model.delay
+            return _Key(event.stamp + delay, 0, event.source, event.sequence)
+        return _Key(event.stamp, 1, event.source, event.sequence)
+
+    def insert(self, event: Event, now: float | None = None) -> bool:
+        """Put an event in its place and return whether it was new and in time.
+
+        What is not is counted in `dropped` as "duplicate", "too late", "from the future" or "other state".
+        With `now` [s], the caller's time, stamps that lie ahead of it are refused: one broken clock would
+        otherwise make everyone else's measurements too late. Nothing is computed before an estimate is asked.
+        """
+        key = self.key(event)
+        if not np.isfinite(key.stamp):
+            raise FilterError(f"event of {key.source!r} at {key.stamp} s; expected a finite stamp")
+        if isinstance(event, Contribution) and event.i.size != self._slots[0].x.size:
+            self.dropped["other state"] += 1
+            return False
+        if now is not None and event.stamp > now + self.settings.ahead:
+            self.dropped["from the future"] += 1
+            return False
+        if key <= self._keys[0]:
+            self.dropped["too late"] += 1
+            return False
+        i = bisect_left(self._keys, key)
+        if i < len(self._keys) and self._keys[i] == key:
+            self.dropped["duplicate"] += 1
+            return False
+        first = self._slots[0]
+        self._slots.insert(i, _Slot(key, event, first.x, first.P))
+        self._keys.insert(i, key)
+        self._valid = min(self._valid, i)
+        self._forget()
+        return True
+
+    def estimate(self, stamp: float | None = None) -> StateEstimate:
+        """Return the estimate at `stamp` [s], predicted from the last event before; the newest without one.
+
+        Raises FilterError when the stamp is older than what is remembered.
+        """
+        at = self.newest if stamp is None else stamp
+        if at < self.oldest:
+            raise FilterError(
+                f"estimate at {at:.3f} s asked, the filter remembers from {self.oldest:.3f} s on; "
+                "ask earlier or make its window longer"
+            )
+        i = bisect_right(self._keys, _Key(at, 2, "", 0))
+        return StateEstimate(at, *self._at(i, at))
+
+    def before(self, event: Event) -> StateEstimate:
+        """Return what is known at an event's time of all that comes before it."""
+        key = self.key(event)
+        if key <= self._keys[0]:
+            return StateEstimate(self.oldest, self._slots[0].x, self._slots[0].P)
+        return StateEstimate(key.stamp, *self._at(bisect_left(self._keys, key), key.stamp))
+
+    def snapshot(self) -> tuple[StateEstimate, Input | None, tuple[Event, ...]]:
+        """Return the oldest state that is remembered, the input in force then, and all events since.
+
+        A filter made of them knows what this one knows, ids included: nothing counts twice.
+        """
+        first = self._slots[0]
+        events = tuple(slot.event for slot in self._slots[1:] if slot.event is not None)
+        return StateEstimate(first.key.stamp, first.x, first.P), first.input, events
+
+    @classmethod
+    def of_snapshot(
+        cls,
+        snapshot: tuple[StateEstimate, Input | None, tuple[Event, ...]],
+        model: VehicleModel | None = None,
+        settings: FilterSettings = DEFAULTS,
+    ) -> DelayedFilter:
+        """Return a filter that knows what the one of the snapshot knew."""
+        start, in_force, events = snapshot
+        made = cls(start, model, settings)
+        made._slots[0].input = in_force
+        for event in events:
+            made.insert(event)
+        return made
+
+    def _at(self, i: int, stamp: float) -> tuple[Array, Array]:
+        self._settle(i)
+        slot = self._slots[i - 1]
+        return self._advance(slot, stamp)
+
+    def _advance(self, slot: _Slot, stamp: float) -> tuple[Array, Array]:
+        x, P, now = slot.x, slot.P, slot.key.stamp
+        gains, drags = self._known
+        if slot.input is not None and slot.input.u is not None and self.model is not None:
+            end = min(stamp, slot.input.stamp + self.model.delay + self.settings.input_timeout)
+            if end > now:
+                x, P = predict(x, P, end - now, slot.input.u, gains, drags, self._noise)
+                now = end
+        if stamp > now:
+            x, P = predict(x, P, stamp - now, _NOTHING, _NOTHING, _NOTHING, self._noise_without)
+        return x, P
+
+    def _settle(self, upto: int) -> None:
+        """Work out the states of the first `upto` slots."""
+        for i in range(self._valid, upto):
+            before, slot = self._slots[i - 1], self._slots[i]
+            x, P = self._advance(before, slot.key.stamp)
+            slot.input, slot.since, slot.refused = before.input, before.since, ()
+            event = slot.event
+            if isinstance(event, Input):
+                slot.input = event
+            elif isinstance(event, Contribution):
+                if event.inflation > 1.0:
+                    P = P * event.inflation
+                i_here = turned(event.i, event.I, x, event.yaw, event.heading_bias)
+                x, P = self._kept(slot, x, P, *assimilate(x, P, i_here, event.I))
+            elif event is not None:
+                x, P = self._measure(slot, x, P, event)
+            slot.x, slot.P = x, P
+        self._valid = max(self._valid, upto)
+
+    def _measure(self, slot: _Slot, x: Array, P: Array, event: Measurement) -> tuple[Array, Array]:
+        kept: Measurement | None = event
+        if self.settings.gate is not None:
+            verdict = judge(x, P, event, slot.since, self.settings.gate)
+            slot.since, kept = verdict.since, verdict.kept
+            slot.refused = tuple(f"{event.source}: {reason}" for reason in verdict.refused)
+            if verdict.inflation > 1.0:
+                P = P * verdict.inflation
+        if kept is None:
+            return x, P
+        residual, H = linearise(x, kept.components, kept.z)
+        return self._kept(slot, x, P, *correct(x, P, residual, H, kept.R))
+
+    @staticmethod
+    def _kept(slot: _Slot, x: Array, P: Array, x1: Array, P1: Array) -> tuple[Array, Array]:
+        """Return what came out of an event, or the state before it when nothing usable did."""
+        if sound(x1, P1):
+            return x1, P1
+        slot.refused = (*slot.refused, f"{slot.key.source}: unusable")
+        return x, P
+
+    def _forget(self) -> None:
+        """Fold what is older than the window into the state at its beginning."""
+        k = bisect_left(self._keys, _Key(self.newest - self.settings.window, -1, "", 0)) - 1
+        k = max(k, len(self._keys) - self.settings.most_events)
+        if k <= 0:
+            return
+        self._settle(k + 1)
+        for slot in self._slots[: k + 1]:
+            if slot.refused:
+                self._settled_refusals.update(slot.refused)
+        self._slots[k].refused = ()
+        del self._slots[:k], self._keys[:k]
+        self._valid -= k

@@ -1,0 +1,138 @@
+"""Which measurements are believed: position, yaw and velocity each by a gate of its own.
+
+A gate compares the innovation with what the filter expects, d^2 = r' (H P H' + R)^-1 r, with the chi-square
+quantile of its numbers. While a source's gate refuses, it widens: the limit doubles with every
+`widening_time` since the first refusal, so a filter that went astray is found again within seconds while one
+wild reading after a silence stays out. What comes in through a widened gate says that the covariance was
+too small: it is scaled by the excess, d^2 over the limit, before the measurement is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from noctule.estimation.chi_square import chi_square_quantile
+from noctule.estimation.compiled import compiled, inverse_spd, times
+from noctule.estimation.filter_state import YAW
+from noctule.estimation.measurements import Component, Measurement, linearise
+from noctule.geometry import Array
+from noctule.settings import Settings
+
+
+class Group(StrEnum):
+    """What is gated together."""
+
+    POSITION = "position"
+    YAW = "yaw"
+    VELOCITY = "velocity"
+
+
+_GROUPS = {
+    Group.POSITION: (Component.X, Component.Y, Component.Z),
+    Group.YAW: (Component.YAW, Component.HEADING),
+    Group.VELOCITY: (Component.FORWARD, Component.LEFT, Component.UP),
+}
+_GROUP_OF = np.array([i for c in Component for i, g in enumerate(_GROUPS.values()) if c in g])
+_NAMES = tuple(_GROUPS)
+_MOST_DOUBLINGS = 60.0
+MOST_INFLATION = 1e6
+
+
+class GateSettings(Settings):
+    """How surprising a measurement may be."""
+
+    confidence: float = Field(0.999, gt=0.5, lt=1.0, description="share of good measurements let in")
+    widening_time: float = Field(
+        0.25, gt=0.0, le=60.0, description="the limit doubles with each such time of refusals [s]"
+    )
+    yaw_known: float = Field(
+        0.6, gt=0.0, le=3.0, description="body velocities wait until the yaw is known this well, sd [rad]"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a gate says of one measurement."""
+
+    kept: Measurement | None  # what may be used of it
+    inflation: float  # by which the covariance has to grow before, 1 inside of the gates
+    refused: tuple[str, ...]  # reasons: "position gate", "yaw gate", "velocity gate", "yaw unknown"
+    since: Mapping[str, float]  # gate -> stamp [s] of its first refusal in a row
+
+
+@compiled
+def surprises(
+    x: Array, P: Array, components: NDArray[np.int64], z: Array, R: Array
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return d^2 = r' (H P H' + R)^-1 r of every group, (3,), and how many numbers each has, (3,)."""
+    residual, H = linearise(x, components, z)
+    m, n = H.shape
+    S = R.copy()
+    for a in range(m):
+        for i in range(n):
+            if H[a, i] != 0.0:
+                for j in range(n):
+                    for b in range(m):
+                        S[a, b] += H[a, i] * P[i, j] * H[b, j]
+    d2 = np.zeros(3)
+    counts = np.zeros(3, dtype=np.int64)
+    rows = np.empty(m, dtype=np.int64)
+    for g in range(3):
+        k = 0
+        for a in range(m):
+            if _GROUP_OF[components[a]] == g:
+                rows[k] = a
+                k += 1
+        if k == 0:
+            continue
+        block = np.empty((k, k))
+        r = np.empty(k)
+        for a in range(k):
+            r[a] = residual[rows[a]]
+            for b in range(k):
+                block[a, b] = S[rows[a], rows[b]]
+        weighed = times(inverse_spd(block), r)
+        for a in range(k):
+            d2[g] += r[a] * weighed[a]
+        counts[g] = k
+    return d2, counts
+
+
+def judge(
+    x: Array, P: Array, measurement: Measurement, since: Mapping[str, float], settings: GateSettings
+) -> Verdict:
+    """Judge a measurement against the prediction x (n,), P (n, n) for its stamp.
+
+    `since` is that of the verdict before; it is not changed.
+    """
+    d2, counts = surprises(x, P, measurement.components, measurement.z, measurement.R)
+    inflation, refused, after, dropped = 1.0, [], since, []
+    for g, (name, surprise, count) in enumerate(zip(_NAMES, d2.tolist(), counts.tolist(), strict=True)):
+        if not count:
+            continue
+        if name is Group.VELOCITY and P[YAW, YAW] > settings.yaw_known**2:
+            refused.append("yaw unknown")
+            dropped.append(g)
+            continue
+        key = f"{measurement.source}/{name}"
+        limit = chi_square_quantile(settings.confidence, count)
+        elapsed = max(0.0, measurement.stamp - after.get(key, measurement.stamp))
+        if surprise <= limit * 2.0 ** min(_MOST_DOUBLINGS, elapsed / settings.widening_time):
+            inflation = min(MOST_INFLATION, max(inflation, surprise / limit))
+            if key in after:
+                after = {k: v for k, v in after.items() if k != key}
+        else:
+            refused.append(f"{name} gate")
+            dropped.append(g)
+            if key not in after:
+                after = {**after, key: measurement.stamp}
+    if not dropped:
+        return Verdict(measurement, inflation, (), after)
+    keep = ~np.isin(_GROUP_OF[measurement.components], dropped)
+    return Verdict(measurement.part(keep) if keep.any() else None, inflation, tuple(refused), after)

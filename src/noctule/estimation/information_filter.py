@@ -1,0 +1,115 @@
+"""The information filter: the Kalman filter of the same model, kept as y = Y x and Y = P^-1.
+
+Eq. (29) to (35) of "Indoor low-cost localization system", corrected: Y(k given k) is the inverse of
+P(k given k) (29), (30); L = Y(k given k-1) A Y(k-1 given k-1)^-1 (33), which for a model that is not linear
+reads y = Y f(x); and (36) to (44), which are missing in print: every node predicts, every node adds the
+contributions i = H' R^-1 z and I = H' R^-1 H of all nodes, y += sum i, Y += sum I, x = Y^-1 y.
+
+An angle needs care here. A Kalman filter sees only innovations, and those wrap. y = Y x knows how many
+turns the yaw has made, and so does i: adding the i of one count of turns to the y of another pulls the yaw
+through whole turns. So a measurement enters as z = h(x) + wrapped innovation with H x in the place of h(x),
+and a contribution that travels says about which yaw and which heading bias it was linearised: `turned`
+moves it to the nearest count of the receiver.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from noctule.estimation.compiled import compiled, inverse_spd, times
+from noctule.estimation.filter_state import YAW, StateEstimate, heading_bias_index
+from noctule.estimation.kalman_filter import predict
+from noctule.geometry import Array
+
+_TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class InformationState:
+    """What an information filter keeps."""
+
+    stamp: float  # [s]
+    y: Array  # (n,) Y x
+    Y: Array  # (n, n) inverse covariance
+
+    @classmethod
+    def of(cls, estimate: StateEstimate) -> InformationState:
+        """Return the same estimate as information."""
+        Y = inverse_spd(estimate.P)
+        return cls(estimate.stamp, Y @ estimate.x, Y)
+
+    @property
+    def estimate(self) -> StateEstimate:
+        """The same information as mean and covariance."""
+        P = inverse_spd(self.Y)
+        return StateEstimate(self.stamp, P @ self.y, P)
+
+
+@compiled
+def information_predict(
+    y: Array, Y: Array, dt: float, u: Array, gains: Array, drags: Array, densities: Array
+) -> tuple[Array, Array]:
+    """Return information vector (n,) and matrix (n, n) after `dt` [s].
+
+    The arguments are those of kalman_filter.predict.
+    """
+    P = inverse_spd(Y)
+    x1, P1 = predict(times(P, y), P, dt, u, gains, drags, densities)
+    Y1 = inverse_spd(P1)
+    return times(Y1, x1), Y1
+
+
+@compiled
+def contribution(x: Array, residual: Array, H: Array, R: Array) -> tuple[Array, Array]:
+    """Return (i, I), (n,) and (n, n), of a measurement linearised at x: (34) and (35).
+
+    `residual` (m,) is z - h(x), wrapped; what goes in for z is residual + H x.
+    """
+    W = inverse_spd(R)
+    m, n = H.shape
+    HW = np.zeros((n, m))
+    for a in range(m):
+        for b in range(m):
+            for k in range(n):
+                HW[k, a] += H[b, k] * W[b, a]
+    i = np.zeros(n)
+    I = np.zeros((n, n))  # noqa: E741 - the paper's name
+    for a in range(m):
+        z = residual[a]
+        for k in range(n):
+            z += H[a, k] * x[k]
+        for k in range(n):
+            i[k] += HW[k, a] * z
+            for j in range(k, n):
+                I[k, j] += HW[k, a] * H[a, j]
+    for k in range(n):
+        for j in range(k):
+            I[k, j] = I[j, k]
+    return i, I
+
+
+@compiled
+def assimilate(x: Array, P: Array, i: Array, I: Array) -> tuple[Array, Array]:  # noqa: E741
+    """Return mean (n,) and covariance (n, n) after the sums of contributions `i` (n,) and `I` (n, n).
+
+    Y += I and y += i, written for the mean: x += (Y + I)^-1 (i - I x), which loses no digits to a large x.
+    """
+    P1 = inverse_spd(inverse_spd(P) + I)
+    return x + times(P1, i - times(I, x)), P1
+
+
+def turned(i: Array, I: Array, x: Array, yaw: float, heading_bias: float) -> Array:  # noqa: E741
+    """Return `i` (n,) moved to the count of turns of `x`.
+
+    `yaw` and `heading_bias` [rad] are where the contribution was linearised, as its sender counts.
+    """
+    b = heading_bias_index(x.size)
+    turns = _TURN * round((float(x[YAW]) - yaw) / _TURN)
+    bias_turns = _TURN * round((float(x[b]) - heading_bias) / _TURN) if b >= 0 else 0.0
+    if turns == 0.0 and bias_turns == 0.0:
+        return i
+    moved = i + turns * I[:, YAW]
+    return moved + bias_turns * I[:, b] if b >= 0 else moved

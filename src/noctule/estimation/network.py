@@ -1,0 +1,156 @@
+"""Sensors that agree without a centre: nodes, each a whole filter, and links that may fail them.
+
+Every node keeps the full state. A node with a sensor linearises its measurement at its own estimate for the
+measurement's time, adds the contribution (i, I) to its own filter and sends it to all others, who add it
+where its stamp belongs: (36) to (44) of "Indoor low-cost localization system" as corrected in
+`information_filter`. Contributions are shared, never estimates: an estimate holds what others already have.
+
+Who gates: the node that measured, once, against all that it knows. What it lets in is shared and added by
+everyone as it is, with the inflation of a gate that had widened; what it refuses nobody hears of. A receiver
+that gated again would drop what others keep, and the nodes would no longer agree even with every message
+delivered. A node is trusted to be honest, not to be alive: late, doubled and missing messages do no harm.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pydantic import Field
+
+from noctule.estimation.contributions import Contribution, contribution_of
+from noctule.estimation.delayed import DEFAULTS, DelayedFilter, FilterSettings, Input
+from noctule.estimation.filter_state import FilterError, StateEstimate
+from noctule.estimation.gating import judge
+from noctule.estimation.measurements import Measurement
+from noctule.estimation.vehicle_model import VehicleModel
+from noctule.settings import Settings
+
+
+class Node:
+    """A filter with or without a sensor."""
+
+    def __init__(
+        self,
+        name: str,
+        start: StateEstimate,
+        model: VehicleModel | None = None,
+        settings: FilterSettings = DEFAULTS,
+    ) -> None:
+        self.name = name
+        self.filter = DelayedFilter(start, model, settings)
+        self.refusals: Counter[str] = Counter()  # by this node's own gates: "depth: yaw gate"
+        self._since: Mapping[str, float] = {}
+
+    def measure(self, measurement: Measurement, now: float | None = None) -> Contribution | None:
+        """Use the node's own measurement and return what to share; None when there is nothing to.
+
+        Nothing: it came too late or twice, or the gates refuse it. `now` [s] is the caller's time.
+        """
+        prior = self.filter.before(measurement)
+        gate = self.filter.settings.gate
+        kept: Measurement | None = measurement
+        inflation, since = 1.0, self._since
+        refused: tuple[str, ...] = ()
+        if gate is not None:
+            verdict = judge(prior.x, prior.P, measurement, since, gate)
+            kept, inflation = verdict.kept, verdict.inflation
+            refused, since = verdict.refused, verdict.since
+        shared = contribution_of(prior.x, kept, inflation) if kept is not None else None
+        if shared is not None and not self.filter.insert(shared, now):
+            return None
+        self._since = since
+        self.refusals.update(f"{measurement.source}: {reason}" for reason in refused)
+        return shared
+
+    def receive(self, message: Contribution | Input, now: float | None = None) -> bool:
+        """Take what another node shared, or a command that was sent; return whether it was of use."""
+        return self.filter.insert(message, now)
+
+    def estimate(self, stamp: float | None = None) -> StateEstimate:
+        """Return what the node knows at `stamp` [s], by default at its newest event."""
+        return self.filter.estimate(stamp)
+
+    def rejoin(self, other: Node) -> None:
+        """Begin again from what another node knows, ids included; for a node that was restarted."""
+        own = self.filter
+        self.filter = DelayedFilter.of_snapshot(other.filter.snapshot(), own.model, own.settings)
+        self._since = {}
+
+
+class LinkSettings(Settings):
+    """What happens to messages on their way."""
+
+    loss: float = Field(0.0, ge=0.0, le=1.0, description="share that never arrives")
+    duplicates: float = Field(0.0, ge=0.0, le=1.0, description="share that arrives twice")
+    delay: float = Field(0.0, ge=0.0, le=10.0, description="least time on the way [s]")
+    jitter: float = Field(0.0, ge=0.0, le=10.0, description="mean of the exponential time on top of it [s]")
+
+
+PERFECT = LinkSettings()
+
+
+class Link:
+    """A way from one node to another that loses, delays and doubles; the same seed, the same fate."""
+
+    def __init__(self, settings: LinkSettings, seed: np.random.SeedSequence) -> None:
+        self._settings = settings
+        self._rng = np.random.default_rng(seed)
+        self._on_the_way: list[tuple[float, int, Contribution | Input]] = []
+        self._sent = 0
+
+    def send(self, message: Contribution | Input, now: float) -> None:
+        """Put a message on its way at `now` [s]."""
+        # Every message draws as many numbers, so that its fate does not hang on those before it.
+        fate, again, *times = self._rng.random(4).tolist()
+        copies = int(fate >= self._settings.loss) * (1 + int(again < self._settings.duplicates))
+        for share in times[:copies]:
+            late = self._settings.delay - self._settings.jitter * np.log1p(-share)
+            heapq.heappush(self._on_the_way, (now + float(late), self._sent, message))
+            self._sent += 1
+
+    def due(self, now: float) -> list[Contribution | Input]:
+        """Return what has arrived by `now` [s], in the order of arrival, and forget it."""
+        arrived = []
+        while self._on_the_way and self._on_the_way[0][0] <= now:
+            arrived.append(heapq.heappop(self._on_the_way)[2])
+        return arrived
+
+
+class Network:
+    """Nodes in one process, every two joined by a link each way; deterministic."""
+
+    def __init__(
+        self, nodes: Sequence[Node], links: LinkSettings = PERFECT, seed: int | Sequence[int] = 0
+    ) -> None:
+        self.nodes = {node.name: node for node in nodes}
+        if len(self.nodes) != len(nodes) or not nodes:
+            raise FilterError(
+                f"network of nodes {[node.name for node in nodes]}; expected at least one, each name once"
+            )
+        pairs = [(a, b) for a in self.nodes for b in self.nodes if a != b]
+        seeds = np.random.SeedSequence(seed).spawn(len(pairs))
+        self._links = {pair: Link(links, s) for pair, s in zip(pairs, seeds, strict=True)}
+
+    def measure(self, name: str, measurement: Measurement, now: float) -> Contribution | None:
+        """Hand a node its sensor's measurement at `now` [s]; what it shares goes on its way."""
+        shared = self.nodes[name].measure(measurement, now)
+        if shared is not None:
+            for other in self.nodes:
+                if other != name:
+                    self._links[name, other].send(shared, now)
+        return shared
+
+    def command(self, sent: Input, now: float) -> None:
+        """Tell every node a command; senders repeat them, so no link is assumed to lose one."""
+        for node in self.nodes.values():
+            node.receive(sent, now)
+
+    def deliver(self, now: float, frozen: frozenset[str] = frozenset()) -> None:
+        """Hand out what has arrived by `now` [s]; what is for `frozen` nodes waits for them."""
+        for (_, to), link in self._links.items():
+            if to not in frozen:
+                for message in link.due(now):
+                    self.nodes[to].receive(message, now)
