@@ -38,15 +38,24 @@ def fresh_pilot(mission, path):
 
 
 def timed_ticks(mission, path, ticks):
-    """Return milliseconds per tick and the number of points in each."""
-    pilot, times, points = fresh_pilot(mission, path), [], []
+    """Return milliseconds per tick, the points in each, and the ticks at which the target changed."""
+    pilot, times, points, targets = fresh_pilot(mission, path), [], [], []
     for tick in ticks:
         observation = tick.observation()
         started = time.perf_counter()
         decision = pilot.step(observation)
         times.append(1e3 * (time.perf_counter() - started))
         points.append(len(decision.diagnostics.points_current))
-    return np.array(times), np.array(points)
+        targets.append(decision.diagnostics.target_index)
+    changed = np.flatnonzero(np.diff(targets)) + 1
+    # The new image's points are measured for the first time in the tick of the change or the one after it.
+    return np.array(times), np.array(points), np.union1d(changed, np.minimum(changed + 1, len(times) - 1))
+
+
+def greatest_step(ticks):
+    """Return the greatest change of the sent linear velocity from one tick to the next [m/s]."""
+    sent = np.array([tick.sent.as_array()[:3] for tick in ticks])
+    return float(np.linalg.norm(np.diff(sent, axis=0), axis=1).max())
 
 
 def floor(ticks):
@@ -79,12 +88,16 @@ def main():
         recording = read_recording(result.recording)
         mission, path, ticks = recorded_mission(recording), recorded_path(recording), recording.flown
         timed_ticks(mission, path, ticks[:60])  # compiles
-        times, points = timed_ticks(mission, path, ticks)
+        times, points, switches = timed_ticks(mission, path, ticks)
         print(f"{name}, seed {seed}: {result.summary['outcome']}; one core")
         print(f"{'[ms]':44s} {'median':>7s} {'p95':>7s} {'worst':>7s}   ticks")
         row("tick, picture to command", times)
         row("  of these, with 50 points or more", times[points >= 50])
+        if len(switches):
+            row("  of these, at a change of the image", times[switches])
         row("floor: 60 points, forward and back", floor(ticks))
+        limit = mission.limits.values().acceleration / mission.flight.rate_hz
+        print(f"greatest step of the command: {greatest_step(ticks):.4f} m/s, the limit is {limit:.4f}")
         factor = lossy.summary["realtime_factor"]
         print(f"the flight itself, rendered and recorded: {factor:.1f} times real time")
 
