@@ -1,0 +1,104 @@
+"""The simulated room as a source of depth frames: empty, with a flight by hand, or one along a path."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from noctule.flight.depth_sources import DepthSource
+from noctule.geometry import Array, Pose, wrap_angle
+from noctule.messages import DepthFrame
+from noctule.simulation.ceiling import (
+    CeilingSpec,
+    DepthStage,
+    Motion,
+    Walker,
+    lab_room,
+    manual_flight,
+    walk_past,
+)
+
+Flight = Literal["none", "manual", "path"]
+"""What flies: nothing, a person's drone all over the room, or a drone along the paper's ellipse."""
+
+_SPEED = 0.3  # [m/s], along the path
+_PASSES = 0.6  # [m], as near as the person comes to the path
+_STREAMS: dict[Flight, int] = {"none": 0, "manual": 1, "path": 2}
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What the simulated camera sees; the same scene gives the same frames, bit for bit."""
+
+    flight: Flight
+    seed: int = 0  # draws the room, the sensor's errors and the flight by hand
+    hull: bool = False
+    markers: bool = False  # the drone wears them, and the camera gives colour
+    person: bool = False
+    seconds: float = 10.0
+
+    @property
+    def spec(self) -> CeilingSpec:
+        """The camera and the drone's looks."""
+        return CeilingSpec(hull=self.hull, markers=self.markers)
+
+    def poses(self) -> list[tuple[float, Pose | None]]:
+        """Return (stamp [s], true pose) of every frame."""
+        rate = self.spec.rate_hz
+        if self.flight == "manual":
+            return list(manual_flight(self._own_seed, self.seconds, rate, self.spec))
+        stamps = [k / rate for k in range(math.floor(self.seconds * rate + 1e-9))]
+        if self.flight == "none":
+            return [(stamp, None) for stamp in stamps]
+        angles, lengths = _ellipse_lengths()
+        return [(t, _on_ellipse(float(np.interp(_SPEED * t % lengths[-1], lengths, angles)))) for t in stamps]
+
+    @property
+    def _own_seed(self) -> int:
+        # The room is of the seed alone; errors and flights differ between calibrating and flying.
+        return int(np.random.SeedSequence([self.seed, _STREAMS[self.flight]]).generate_state(1)[0])
+
+    def frames(self) -> Iterator[DepthFrame]:
+        """Draw the frames."""
+        spec = self.spec
+        stage = DepthStage(spec, self._own_seed, lab_room(self.seed))
+        people: list[Motion] = [passer_by()] if self.person else []
+        for stamp, pose in self.poses():
+            yield stage.frame(stamp, pose, [motion.at(stamp) for motion in people], spec.markers)
+
+
+def simulated_source(scene: Scene) -> DepthSource:
+    """Return the frames of a scene."""
+    spec, poses = scene.spec, scene.poses()
+    return DepthSource(
+        f"simulated room {scene.seed}",
+        scene.frames,
+        len(poses),
+        spec.camera,
+        spec.camera.intrinsics,
+        {stamp: pose for stamp, pose in poses if pose is not None},
+    )
+
+
+def passer_by() -> Walker:
+    """Return a person who walks round an ellipse that comes within 0.6 m of the path."""
+    path = np.array([_on_ellipse(angle).position for angle in np.linspace(0.0, 2.0 * math.pi, 181)])
+    return walk_past(path, _PASSES, Walker((0.0, 0.0), (0.9, 0.6)))
+
+
+def _on_ellipse(angle: float) -> Pose:
+    """Return the pose of the paper's ellipse, heading along it."""
+    c, s = math.cos(angle), math.sin(angle)
+    position = np.array([0.08 + 0.5 * c, 0.1 + 0.8 * s, 1.2 + 0.12 * s])
+    return Pose(position, wrap_angle(math.atan2(0.8 * c, -0.5 * s)))
+
+
+def _ellipse_lengths() -> tuple[Array, Array]:
+    angles = np.linspace(0.0, 2.0 * math.pi, 721)
+    points = np.array([_on_ellipse(float(angle)).position for angle in angles])
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return angles, np.concatenate([[0.0], np.cumsum(steps)])
