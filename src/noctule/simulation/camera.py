@@ -12,17 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.camera import CameraMount, PinholeCamera
-from noctule.devices.protocols import DeviceError, StaleFrameError
 from noctule.geometry import Pose
 from noctule.messages import Picture
 from noctule.simulation.aircraft import Aircraft
 from noctule.simulation.darkroom import Darkroom, Pixels
 from noctule.simulation.dynamics import STEPS_PER_SECOND
 from noctule.simulation.spec import CameraSpec
+from noctule.simulation.stream import Exposures, Stream
 
 NOISE_BANK = 1 << 22  # values; each picture takes a run of it at a place of its own
-SLACK = 1e-9  # [s], stamps are multiples of 1/300 s
-
 READER_GONE = 0.2  # [s]: when no picture was read for this long, none is begun before it is asked for
 
 
@@ -36,40 +34,30 @@ class Shutter:
     def __init__(
         self, spec: CameraSpec, aircraft: Aircraft, darkroom: Darkroom, seed: np.random.SeedSequence
     ) -> None:
-        self._spec = spec
         self._aircraft = aircraft
         self._darkroom = darkroom
         self._noise = PixelNoise(spec.noise, seed)
-        self._count = 0
-        self._due = 0  # step of the next exposure
-        self._latency = round(spec.latency * STEPS_PER_SECOND)
-        self._waiting: list[tuple[int, int, Pose]] = []  # (number, step of exposure, pose)
-        self._newest: tuple[int, int, Pose] | None = None
+        self._exposures: Exposures[Pose] = Exposures(spec.rate, spec.latency)
         self._drawn: tuple[int, Picture] | None = None
         self._begun: dict[int, Future[Pixels]] = {}
         self._last_read = -math.inf  # [s]
 
     def step(self) -> None:
         """Expose when it is time; call it at every step, the first one at time 0."""
-        step = self._aircraft.steps
-        if step >= self._due:
-            self._waiting.append((self._count, step, self._aircraft.pose))
-            if self._aircraft.now - self._last_read < READER_GONE:
-                self._begin(self._count, self._aircraft.pose)
-            self._count += 1
-            self._due = round(self._count * STEPS_PER_SECOND / self._spec.rate)
-        while self._waiting and self._waiting[0][1] + self._latency <= step:
-            self._newest = self._waiting.pop(0)
+        exposed = self._exposures.step(self._aircraft.steps, lambda: self._aircraft.pose)
+        if exposed is not None and self._aircraft.now - self._last_read < READER_GONE:
+            self._begin(*exposed)
 
     @property
     def newest(self) -> tuple[int, float] | None:
         """(number, stamp) of the newest picture that has been delivered."""
-        return None if self._newest is None else (self._newest[0], self._newest[1] / STEPS_PER_SECOND)
+        newest = self._exposures.newest
+        return None if newest is None else (newest[0], newest[1] / STEPS_PER_SECOND)
 
     def picture(self) -> Picture:
         """Return the newest delivered picture; call it only where there is one."""
-        assert self._newest is not None
-        number, step, pose = self._newest
+        assert self._exposures.newest is not None
+        number, step, pose = self._exposures.newest
         self._last_read = self._aircraft.now
         if self._drawn is None or self._drawn[0] != number:
             pixels = self._begin(number, pose).result()
@@ -114,7 +102,7 @@ class PixelNoise:
         return self._bank
 
 
-class SimulatedCamera:
+class SimulatedCamera(Stream[Picture]):
     """Implements `noctule.devices.protocols.Camera` in a simulated world."""
 
     def __init__(
@@ -124,12 +112,8 @@ class SimulatedCamera:
         now: Callable[[], float],
         sleep_until: Callable[[float], None],
     ) -> None:
+        super().__init__("simulated camera", spec.rate, shutter, now, sleep_until)
         self._spec = spec
-        self.__shutter = shutter
-        self._now = now
-        self._sleep_until = sleep_until
-        self._open = False
-        self._read = -1
 
     @property
     def intrinsics(self) -> PinholeCamera:
@@ -140,51 +124,3 @@ class SimulatedCamera:
     def mount(self) -> CameraMount:
         """How it sits on the body."""
         return self._spec.mount
-
-    @property
-    def live(self) -> bool:
-        """Whether it is open."""
-        return self._open
-
-    def open(self) -> None:
-        """Start the stream."""
-        self._open = True
-
-    def close(self) -> None:
-        """Stop the stream."""
-        self._open = False
-
-    def read(self, timeout: float) -> Picture:
-        """Wait up to `timeout` [s] for a picture not read before; simulated time passes while it waits.
-
-        With a timeout of 0 time stands still and only what is already there is returned.
-        """
-        self._check_open()
-        deadline = self._now() + timeout
-        while True:
-            newest = self.__shutter.newest
-            if newest is not None and newest[0] > self._read:
-                self._read = newest[0]
-                return self.__shutter.picture()
-            if self._now() + SLACK >= deadline:
-                raise DeviceError(
-                    f"simulated camera: no new picture in {timeout:g} s; "
-                    f"expected one every {1.0 / self._spec.rate:.3f} s: wait longer"
-                )
-            self._sleep_until(min(deadline, self._now() + 1.0 / STEPS_PER_SECOND))
-
-    def latest(self, max_age: float) -> Picture:
-        """Peek at the newest picture; raises StaleFrameError when its age is above `max_age` [s]."""
-        self._check_open()
-        newest = self.__shutter.newest
-        age = float("inf") if newest is None else self._now() - newest[1]
-        if age > max_age + SLACK:
-            raise StaleFrameError(
-                f"simulated camera: newest picture is {age:.3f} s old, allowed are {max_age:.3f} s; "
-                "is the clock running, and is the camera's latency below that?"
-            )
-        return self.__shutter.picture()
-
-    def _check_open(self) -> None:
-        if not self._open:
-            raise DeviceError("simulated camera: not open; call open() first")

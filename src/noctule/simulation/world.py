@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
@@ -12,6 +13,8 @@ from noctule.geometry import Pose
 from noctule.messages import Picture, Truth
 from noctule.simulation.aircraft import Aircraft
 from noctule.simulation.camera import PixelNoise, Shutter, SimulatedCamera
+from noctule.simulation.ceiling import CeilingSpec, Motion
+from noctule.simulation.ceiling.device import DepthShutter, SimulatedDepthCamera
 from noctule.simulation.clearance import Clearance
 from noctule.simulation.darkroom import Darkroom, Eye
 from noctule.simulation.dynamics import STEPS_PER_SECOND
@@ -25,9 +28,9 @@ from noctule.simulation.vehicle import SimulatedVehicle
 class SimulatedClock:
     """Implements `noctule.devices.protocols.Clock`: time passes only in `sleep_until`."""
 
-    def __init__(self, aircraft: Aircraft, shutter: Shutter) -> None:
+    def __init__(self, aircraft: Aircraft, shutters: Sequence[Shutter | DepthShutter]) -> None:
         self.__aircraft = aircraft
-        self.__shutter = shutter
+        self.__shutters = tuple(shutters)
 
     def now(self) -> float:
         """Return the simulated time [s]."""
@@ -38,7 +41,8 @@ class SimulatedClock:
         last = math.ceil(stamp * STEPS_PER_SECOND - 1e-6)
         while self.__aircraft.steps < last:
             self.__aircraft.step()
-            self.__shutter.step()
+            for shutter in self.__shutters:
+                shutter.step()
 
 
 class SimulatedReferee:
@@ -61,6 +65,9 @@ class SimulatedWorld:
     The same settings and seed give the same flight bit for bit. Looks of the room, gusts, the errors of
     reports and the pixels' noise have random streams of their own: one does not shift another. Nothing is
     drawn before the first picture is read.
+
+    With a `ceiling` there is a depth camera above, `world.ceiling`, and `motions` move below it; the front
+    camera and the referee's clearance know nothing of those.
     """
 
     def __init__(
@@ -72,8 +79,10 @@ class SimulatedWorld:
         seed: int,
         *,
         start_flying: bool = True,
+        ceiling: CeilingSpec | None = None,
+        motions: Sequence[Motion] = (),
     ) -> None:
-        gusts, reports, pixels, photographs = np.random.SeedSequence(seed).spawn(4)
+        gusts, reports, pixels, photographs, above = np.random.SeedSequence(seed).spawn(5)
         self.room = room
         self._camera_spec = camera
         self._layout = draw_layout(room)
@@ -81,19 +90,46 @@ class SimulatedWorld:
         self._clearance = Clearance(self._layout, vehicle)
         self._darkroom = Darkroom(self._make_eye)
         self._shutter = Shutter(camera, self._aircraft, self._darkroom, pixels)
-        self._shutter.step()
+        shutters: list[Shutter | DepthShutter] = [self._shutter]
+        depth_shutter = None
+        if ceiling is not None:
+            depth_shutter = DepthShutter(ceiling, self._aircraft, room, tuple(motions), above)
+            shutters.append(depth_shutter)
+        for shutter in shutters:
+            shutter.step()
         self._photo_noise = PixelNoise(camera.noise, photographs)
         self._photos = 0
-        self.clock = SimulatedClock(self._aircraft, self._shutter)
+        self.clock = SimulatedClock(self._aircraft, shutters)
         self.vehicle = SimulatedVehicle(self._aircraft, connected=False)
         self.camera = SimulatedCamera(camera, self._shutter, self.clock.now, self.clock.sleep_until)
+        self.ceiling: SimulatedDepthCamera | None = None
+        if ceiling is not None and depth_shutter is not None:
+            self.ceiling = SimulatedDepthCamera(
+                ceiling, depth_shutter, self.clock.now, self.clock.sleep_until
+            )
         self.referee = SimulatedReferee(self._aircraft, self._clearance)
 
     @classmethod
-    def from_spec(cls, spec: WorldSpec, *, start_flying: bool = True) -> Self:
+    def from_spec(
+        cls,
+        spec: WorldSpec,
+        *,
+        start_flying: bool = True,
+        ceiling: CeilingSpec | None = None,
+        motions: Sequence[Motion] = (),
+    ) -> Self:
         """Make the world that a description, for example a TOML file's, asks for."""
         start = Pose(np.array([spec.start.x, spec.start.y, spec.start.z]), spec.start.yaw)
-        return cls(spec.room, spec.vehicle, spec.camera, start, spec.seed, start_flying=start_flying)
+        return cls(
+            spec.room,
+            spec.vehicle,
+            spec.camera,
+            start,
+            spec.seed,
+            start_flying=start_flying,
+            ceiling=ceiling,
+            motions=motions,
+        )
 
     def photograph(self, pose: Pose, *, noisy: bool = False) -> Picture:
         """Return what the vehicle's camera would see from `pose`, stamped with the present."""

@@ -1,5 +1,7 @@
 """A depth camera on the ceiling of the simulated room, and what it sees: a quadrotor, people, things."""
 
+from noctule.simulation.ceiling.flights import manual_flight, spread_poses
+from noctule.simulation.ceiling.motions import Motion, Standing, Walker, walk_past
 from noctule.simulation.ceiling.room import lab_room
 from noctule.simulation.ceiling.spec import CeilingSpec, DepthSensorSpec
 from noctule.simulation.ceiling.stage import DepthStage
@@ -9,6 +11,12 @@ __all__ = [
     "CeilingSpec",
     "DepthSensorSpec",
     "DepthStage",
+    "Motion",
+    "Standing",
     "ThingPose",
+    "Walker",
     "lab_room",
+    "manual_flight",
+    "spread_poses",
+    "walk_past",
 ]

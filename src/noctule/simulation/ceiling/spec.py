@@ -75,6 +75,7 @@ class CeilingSpec(Settings):
     farthest_m: float = Field(8.0, ge=0.5, le=60.0, description="nothing beyond has a depth [m]")
     sensor: DepthSensorSpec = DepthSensorSpec()
     hull: bool = Field(False, description="the vehicle wears its indoor hull")
+    colour: bool = Field(False, description="frames carry a colour picture")
     markers: bool = Field(False, description="a red marker in front and a blue one behind, on its top")
 
     @property

@@ -1,0 +1,114 @@
+"""How things move about: functions of time, so that any frame can be drawn at any time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+
+from noctule.geometry import Array, wrap_angle
+from noctule.simulation.ceiling.shapes import Triple
+from noctule.simulation.ceiling.things import ThingKind, ThingPose
+
+_POINTS = 721  # of an ellipse's table of arc lengths
+_REACH = 20.0  # [m], a walker is not looked for beyond
+
+
+class Motion(Protocol):
+    """Where a thing is at any time."""
+
+    def at(self, stamp: float) -> ThingPose:
+        """Return its pose at `stamp` [s]."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """A thing that stays where it is."""
+
+    pose: ThingPose
+
+    def at(self, stamp: float) -> ThingPose:
+        """Return its pose."""
+        return self.pose
+
+
+@dataclass(frozen=True, slots=True)
+class Walker:
+    """A person, or a thing that is carried, on an ellipse at a constant speed, counterclockwise."""
+
+    centre: tuple[float, float]  # [m], world
+    half_axes: tuple[float, float]  # [m]
+    turn: float = 0.0  # [rad], of the first axis from world x
+    speed: float = 0.8  # [m/s], negative: clockwise
+    start: float = 0.0  # [m], along the ellipse from the end of the first axis at time 0
+    kind: ThingKind = "person"
+    z: float = 0.0  # [m], its underside above the floor
+    size: Triple | None = None  # [m]
+    look: int = 0
+
+    def at(self, stamp: float) -> ThingPose:
+        """Return its pose at `stamp` [s]; it looks where it goes."""
+        angles, lengths = _arc(*self.half_axes)
+        walked = self.start + self.speed * stamp
+        angle = float(np.interp(walked % lengths[-1], lengths, angles))
+        (x,), (y,) = self._points(np.array([angle])).T
+        a, b = self.half_axes
+        ahead = math.atan2(b * math.cos(angle), -a * math.sin(angle)) + self.turn
+        yaw = wrap_angle(ahead if self.speed >= 0.0 else ahead + math.pi)
+        return ThingPose(
+            self.kind, float(x), float(y), yaw, self.z, self.size, abs(self.speed) * stamp, self.look
+        )
+
+    def edge(self) -> Array:
+        """Return points of the ellipse (n, 2) [m], for maps and distances."""
+        return self._points(_arc(*self.half_axes)[0])
+
+    def _points(self, angles: Array) -> Array:
+        c, s = math.cos(self.turn), math.sin(self.turn)
+        flat = np.column_stack([self.half_axes[0] * np.cos(angles), self.half_axes[1] * np.sin(angles)])
+        return np.asarray(flat @ np.array([[c, s], [-s, c]]) + np.array(self.centre))
+
+
+@lru_cache(maxsize=64)
+def _arc(a: float, b: float) -> tuple[Array, Array]:
+    """Return (angles, arc lengths [m] up to them) along an ellipse, (n,) each."""
+    angles = np.linspace(0.0, 2.0 * math.pi, _POINTS)
+    points = np.column_stack([a * np.cos(angles), b * np.sin(angles)])
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return angles, np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def walk_past(path: Array, distance: float, walker: Walker, bearing: float = 0.0) -> Walker:
+    """Return `walker` on an ellipse of the same axes beside a path, its edge at `distance` [m] from it.
+
+    `path` is (n, 2) or (n, 3) [m]; the ellipse lies from the path's middle toward `bearing` [rad], its second
+    axis across it.
+    """
+    flat = path[:, :2]
+    middle = flat.mean(axis=0)
+    toward = np.array([math.cos(bearing), math.sin(bearing)])
+
+    def beside(offset: float) -> Walker:
+        x, y = (middle + offset * toward).tolist()
+        return replace(walker, centre=(x, y), turn=bearing + math.pi / 2.0)
+
+    # From far away inward: the first place that is as near as wanted is the one beside the path.
+    near, far = 0.0, _REACH
+    for offset in np.arange(_REACH, 0.0, -0.05):
+        if gap(beside(float(offset)).edge(), flat) < distance:
+            near = float(offset)
+            break
+        far = float(offset)
+    for _ in range(30):
+        between = (near + far) / 2.0
+        near, far = (between, far) if gap(beside(between).edge(), flat) < distance else (near, between)
+    return beside(far)
+
+
+def gap(a: Array, b: Array) -> float:
+    """Return the least distance [m] between points (n, 2) and points (m, 2)."""
+    return float(np.sqrt(((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=2).min()))
