@@ -11,6 +11,7 @@ import numpy as np
 from noctule.camera import FixedCamera
 from noctule.localization.detection.detector import blob_altitude, blob_surface
 from noctule.localization.detection.samples import FlightSamples, check_samples
+from noctule.localization.detection.splinters import join_splinters
 from noctule.vision.depth.blob import Blob
 
 
@@ -32,7 +33,7 @@ class SurfaceBand:
         """Return the blobs inside the band."""
         return tuple(
             blob
-            for blob in blobs
+            for blob in join_splinters(blobs, camera)[0]
             if self.smallest < blob_surface(blob, camera) < self.largest
             and self.lowest <= blob_altitude(blob, camera) <= self.highest
         )

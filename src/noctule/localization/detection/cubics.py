@@ -13,6 +13,7 @@ from noctule.camera import FixedCamera
 from noctule.geometry import Array
 from noctule.localization.detection.detector import blob_altitude
 from noctule.localization.detection.samples import FlightSamples, check_samples
+from noctule.localization.detection.splinters import join_splinters
 from noctule.vision.depth.blob import Blob
 
 _DEGREE = 3
@@ -44,6 +45,7 @@ class AreaCubics:
 
     def propose(self, blobs: Sequence[Blob], camera: FixedCamera) -> tuple[Blob, ...]:
         """Return the blobs whose area lies between the cubics at their altitude."""
+        blobs, _ = join_splinters(blobs, camera)
         if not blobs:
             return ()
         low, high = self.limits(np.array([blob_altitude(blob, camera) for blob in blobs]))

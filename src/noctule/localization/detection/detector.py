@@ -18,7 +18,7 @@ class Detector(Protocol):
         ...
 
     def propose(self, blobs: Sequence[Blob], camera: FixedCamera) -> tuple[Blob, ...]:
-        """Return the blobs that may be the drone, in the order given."""
+        """Return the blobs that may be the drone, in the order given, their splinters joined to them."""
         ...
 
 

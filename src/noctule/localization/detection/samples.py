@@ -11,6 +11,7 @@ from noctule.camera import FixedCamera
 from noctule.errors import NoctuleError
 from noctule.geometry import Array
 from noctule.localization.detection.detector import blob_altitude, blob_surface, is_cut
+from noctule.localization.detection.splinters import join_splinters
 from noctule.vision.depth.blob import Blob
 
 MIN_SAMPLES = 100
@@ -52,7 +53,7 @@ class FlightSamples:
 def flight_samples(frames: Iterable[Sequence[Blob]], camera: FixedCamera) -> FlightSamples:
     """Collect the drone's blobs from the frames of a manual flight in an otherwise empty room.
 
-    Each frame gives its blobs; the largest one is the drone, blobs cut by the image's border are left out.
+    Each frame gives its blobs; their splinters are joined, the largest one is the drone, blobs cut by the image's border are left out.
     Raises NotAloneError, TooFewSamplesError, AltitudeRangeError or AreaTrendError.
     """
     chosen: list[Blob] = []
@@ -61,7 +62,9 @@ def flight_samples(frames: Iterable[Sequence[Blob]], camera: FixedCamera) -> Fli
         if not blobs:
             continue
         seen += 1
-        ranked = sorted(blobs, key=lambda blob: blob_surface(blob, camera), reverse=True)
+        ranked = sorted(
+            join_splinters(blobs, camera)[0], key=lambda blob: blob_surface(blob, camera), reverse=True
+        )
         shares = [blob_surface(blob, camera) / blob_surface(ranked[0], camera) for blob in ranked[1:]]
         if any(share > _COMPANION for share in shares):
             crowded += 1

@@ -10,8 +10,9 @@ import numpy as np
 from noctule.localization.heading.sighting import Sighting
 from noctule.localization.heading.turns import HALF_TURN, nearest_turn
 from noctule.messages import HeadingMeasurement
+from noctule.vision.depth.moments import ellipse
 
-_ROUND = 1e-6  # of mu20 + mu02: a shape rounder than this has no major axis
+_ROUND = 1.0 - 1e-6  # a shape with b/a above this has no major axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +31,10 @@ class EllipseHeading:
 
     def measure(self, sighting: Sighting, predicted: float) -> HeadingMeasurement | None:
         """Return the heading in the half turn nearest to `predicted` [rad], None for a round blob."""
-        mu20, mu11, mu02 = (float(m) for m in sighting.blob.moments[:3])
-        if np.hypot(2.0 * mu11, mu20 - mu02) <= _ROUND * (mu20 + mu02):
+        shape = ellipse(sighting.blob)
+        if shape.b >= _ROUND * shape.a:
             return None
-        theta = 0.5 * np.arctan2(2.0 * mu11, mu20 - mu02)
+        theta = shape.theta
         # The direction in the image plane, seen in the world from above.
         x, y, _ = sighting.camera.R_world_camera @ np.array([np.cos(theta), np.sin(theta), 0.0])
         yaw = nearest_turn(float(np.arctan2(y, x)) - self.axis, predicted, HALF_TURN)
