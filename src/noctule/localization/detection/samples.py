@@ -53,7 +53,8 @@ class FlightSamples:
 def flight_samples(frames: Iterable[Sequence[Blob]], camera: FixedCamera) -> FlightSamples:
     """Collect the drone's blobs from the frames of a manual flight in an otherwise empty room.
 
-    Each frame gives its blobs; their splinters are joined, the largest one is the drone, blobs cut by the image's border are left out.
+    Each frame gives its blobs; with their splinters joined the largest one is the drone. Blobs cut by the
+    image's border are left out.
     Raises NotAloneError, TooFewSamplesError, AltitudeRangeError or AreaTrendError.
     """
     chosen: list[Blob] = []
@@ -62,14 +63,13 @@ def flight_samples(frames: Iterable[Sequence[Blob]], camera: FixedCamera) -> Fli
         if not blobs:
             continue
         seen += 1
-        ranked = sorted(
-            join_splinters(blobs, camera)[0], key=lambda blob: blob_surface(blob, camera), reverse=True
-        )
-        shares = [blob_surface(blob, camera) / blob_surface(ranked[0], camera) for blob in ranked[1:]]
-        if any(share > _COMPANION for share in shares):
+        whole, _ = join_splinters(blobs, camera)
+        surfaces = [blob_surface(blob, camera) for blob in whole]
+        largest = max(range(len(whole)), key=lambda i: surfaces[i])
+        if sum(surface > _COMPANION * surfaces[largest] for surface in surfaces) > 1:
             crowded += 1
-        elif not is_cut(ranked[0], camera):
-            chosen.append(ranked[0])
+        elif not is_cut(whole[largest], camera):
+            chosen.append(whole[largest])
     if crowded > _CROWDED * seen:
         raise NotAloneError(
             f"manual flight: {crowded} of {seen} frames show a second thing beside the drone, at most "

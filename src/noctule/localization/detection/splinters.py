@@ -1,4 +1,4 @@
-"""Pieces of one thing: holes in the depth part a drone's rotors from its body, and its blob is in splinters."""
+"""Pieces of one thing: holes in the depth part a drone's rotors from its body, so its blob is splintered."""
 
 from __future__ import annotations
 
