@@ -7,7 +7,6 @@ nearer of two surfaces is the larger.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -23,16 +22,6 @@ _FAR = 1e9
 _NEAR_PLANE = 0.05  # [m], corners nearer than this are taken as being there, for the bounding rectangle
 
 
-@dataclass(frozen=True, slots=True)
-class Window:
-    """A rectangle of pixels; empty where `left` >= `right` or `top` >= `bottom`."""
-
-    left: int
-    right: int  # one past the last
-    top: int
-    bottom: int
-
-
 class Canvas:
     """What rays hit: nearness, how strongly it sends infrared back, and whose surface it is."""
 
@@ -42,22 +31,26 @@ class Canvas:
         self.nearness = np.zeros(size, np.float32)  # [1/m], 0 where nothing is hit
         self.echo = np.zeros(size, np.float32)  # reflectance x cosine between normal and ray
         self.owner = np.full(size, -1, np.int16)  # row of the part, -1 for none
+        self.spans = np.zeros(
+            (camera.height, 2), np.int32
+        )  # columns that may have changed, one past the last
 
     def copy_from(self, other: Canvas) -> None:
-        """Become equal to `other`, except that nothing is owned by a part."""
+        """Become equal to `other`, with nothing owned by a part and nothing changed."""
         np.copyto(self.nearness, other.nearness)
         np.copyto(self.echo, other.echo)
         self.owner.fill(-1)
+        self.spans[:] = (self.owner.shape[1], 0)
 
-    def cast(self, rows: Array, chance: NDArray[np.uint16]) -> Window:
-        """Draw parts (n, COLUMNS) in camera coordinates (RDF); return the pixels that may have changed.
+    def cast(self, rows: Array, chance: NDArray[np.uint16]) -> None:
+        """Draw parts (n, COLUMNS) in camera coordinates (RDF).
 
         `chance` (height, width) is what opacity is compared with, 0 to 65535.
         """
-        return Window(*_cast(rows, self._eye, chance, self.nearness, self.echo, self.owner))
+        _cast(rows, self._eye, chance, self.nearness, self.echo, self.owner, self.spans)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _bounds(row: Array, eye: Array, width: int, height: int) -> tuple[int, int, int, int]:
     u0, u1, v0, v1 = _FAR, -_FAR, _FAR, -_FAR
     nearest = _FAR
@@ -79,7 +72,7 @@ def _bounds(row: Array, eye: Array, width: int, height: int) -> tuple[int, int, 
     return left, right, top, bottom
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _box(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, hx: float, hy: float, hz: float
 ) -> Hit:
@@ -102,7 +95,7 @@ def _box(
     return enter, 1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _ellipsoid(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, hx: float, hy: float, hz: float
 ) -> Hit:
@@ -117,7 +110,7 @@ def _ellipsoid(
     return t, nx / n, ny / n, nz / n
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _tube(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, r: float, inner: float, h: float
 ) -> Hit:
@@ -145,7 +138,7 @@ def _tube(
     return best, nx, ny, nz
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _cast(
     rows: Array,
     eye: Array,
@@ -153,17 +146,15 @@ def _cast(
     nearness: Image,
     echo: Image,
     owner: NDArray[np.int16],
-) -> tuple[int, int, int, int]:
+    spans: NDArray[np.int32],
+) -> None:
     height, width = nearness.shape
     fx, fy, cx, cy = eye
-    all_left, all_right, all_top, all_bottom = width, 0, height, 0
     for i in range(len(rows)):
         p = rows[i]
         left, right, top, bottom = _bounds(p, eye, width, height)
         if left >= right or top >= bottom:
             continue
-        all_left, all_right = min(all_left, left), max(all_right, right)
-        all_top, all_bottom = min(all_top, top), max(all_bottom, bottom)
         kind, hx, hy, hz, inner = int(p[0]), p[13], p[14], p[15], p[16]
         limit, reflectance = p[17] * 65536.0, p[18]
         # The eye in the part's axes.
@@ -171,6 +162,7 @@ def _cast(
         oy = -(p[5] * p[1] + p[8] * p[2] + p[11] * p[3])
         oz = -(p[6] * p[1] + p[9] * p[2] + p[12] * p[3])
         for v in range(top, bottom):
+            spans[v, 0], spans[v, 1] = min(spans[v, 0], left), max(spans[v, 1], right)
             my = (v - cy) / fy
             bx, by, bz = p[7] * my + p[10], p[8] * my + p[11], p[9] * my + p[12]
             for u in range(left, right):
@@ -189,4 +181,3 @@ def _cast(
                 cosine = abs(nx * dx + ny * dy + nz * dz) / math.sqrt(mx * mx + my * my + 1.0)
                 echo[v, u] = reflectance * cosine
                 owner[v, u] = i
-    return all_left, all_right, all_top, all_bottom

@@ -31,7 +31,7 @@ def quadrotor(hull: bool, markers: bool) -> tuple[Part, ...]:
 
 
 def _body(hull: bool) -> list[Part]:
-    nose, tail, wide = (0.19, -0.17, 0.055) if hull else (0.225, -0.225, 0.05)
+    nose, tail, wide = (0.19, -0.17, 0.06) if hull else (0.225, -0.225, 0.056)
     rgb = _GREY if hull else _BLACK
     return [
         _egg((0.01, 0.0, 0.004), (0.115, wide, TOP - 0.008), rgb),  # canopy over battery and boards

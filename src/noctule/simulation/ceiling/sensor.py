@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from noctule.camera import PinholeCamera
 from noctule.geometry import Array
-from noctule.simulation.ceiling.casting import Canvas, Image, Window
+from noctule.simulation.ceiling.casting import Canvas, Image
 from noctule.simulation.ceiling.spec import CeilingSpec
 
 _SLACK = 512  # a frame takes a window of the noise at a place of its own, this many places each way
@@ -87,16 +87,13 @@ class DepthSensor:
         z = self._steps / np.maximum(disparity, 1e-9)
         return np.where((z >= nearest) & (z <= farthest), np.rint(1000.0 * z), 0.0).astype(np.uint16)
 
-    def lose(self, canvas: Canvas, loss: NDArray[np.uint16], window: Window) -> None:
+    def lose(self, canvas: Canvas, loss: NDArray[np.uint16]) -> None:
         """Write to `loss` (height, width) how probable it is that a pixel has no depth, 0 to 65535.
 
         Because the projector does not reach it, because it is at an edge, or because too little comes back.
-        Only what the parts drawn in `window` change is written; the rest must be there already.
+        Only what the parts on the canvas change is written; the rest must be there already.
         """
-        if window.left < window.right and window.top < window.bottom:
-            fields = (canvas.nearness, canvas.echo, canvas.owner, loss)
-            top, bottom = max(0, window.top - 1), min(len(loss), window.bottom + 1)
-            _lose(*fields, top, bottom, min(loss.shape[1], window.right + 2), self._loss)
+        _lose(canvas.nearness, canvas.echo, canvas.owner, canvas.spans, loss, self._loss)
 
     def sense(self, number: int, canvas: Canvas, loss: NDArray[np.uint16]) -> NDArray[np.uint16]:
         """Return the depth image [mm] (height, width) of frame `number`."""
@@ -107,41 +104,41 @@ class DepthSensor:
         return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _lose(
     nearness: Image,
     echo: Image,
     owner: NDArray[np.int16],
+    spans: NDArray[np.int32],
     loss: NDArray[np.uint16],
-    top: int,
-    bottom: int,
-    right: int,
     settings: Array,
 ) -> None:
     height, width = nearness.shape
     scale, edge, edge_holes, dropouts, least = settings
-    for v in range(top, bottom):
-        most = np.float32(0.0)
-        for u in range(width):
-            most = max(most, nearness[v, u])
-        offset = int(most * scale) + 2
+    for v in range(height):
+        above, below = max(v - 1, 0), min(v + 1, height - 1)
+        left = min(spans[above, 0], spans[v, 0], spans[below, 0])
+        right = min(max(spans[above, 1], spans[v, 1], spans[below, 1]) + 2, width)
+        if left >= right:
+            continue
+        reach = int(nearness[v].max() * scale) + 2  # [px], how far to the left a shadow falls
+        left, end = max(left - reach, 0), min(right + reach, width)
         # The nearest disparity in every column of the projector's own picture; epipolar lines are the rows.
-        first = np.zeros(width + offset + 2, np.float32)
-        for u in range(width):
+        first = np.zeros(width + reach + 2, np.float32)
+        for u in range(left, end):
             d = nearness[v, u] * scale
-            c = int(u - d + offset)
+            c = int(u - d + reach)
             first[c] = max(first[c], d)
             first[c + 1] = max(first[c + 1], d)
-        for u in range(right):
+        for u in range(left, right):
             n = nearness[v, u]
             d = n * scale
             # Up to one pixel of disparity is the slope of a surface, not something before it.
-            if n <= 0.0 or d + 1.0 < first[int(u - d + offset + 0.5)]:
+            if n <= 0.0 or d + 1.0 < first[int(u - d + reach + 0.5)]:
                 loss[v, u] = 65535
                 continue
             jump = max(abs(nearness[v, max(u - 2, 0)] - n), abs(nearness[v, min(u + 2, width - 1)] - n))
-            jump = max(jump, abs(nearness[max(v - 1, 0), u] - n))
-            jump = max(jump, abs(nearness[min(v + 1, height - 1), u] - n))
+            jump = max(jump, abs(nearness[above, u] - n), abs(nearness[below, u] - n))
             if jump <= edge and owner[v, u] < 0:
                 continue
             weak = (least / max(echo[v, u] * n * n, 1e-9)) ** 3

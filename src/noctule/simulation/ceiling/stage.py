@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from noctule.camera import FixedCamera
 from noctule.geometry import Array, Pose
 from noctule.messages import DepthFrame
-from noctule.simulation.ceiling.casting import Canvas, Window
+from noctule.simulation.ceiling.casting import Canvas
 from noctule.simulation.ceiling.painter import Painter
 from noctule.simulation.ceiling.quadrotor import quadrotor
 from noctule.simulation.ceiling.room import lab_room, room_rows
@@ -46,8 +46,8 @@ class DepthStage:
         self._canvas, self._still = Canvas(pinhole), Canvas(pinhole)
         size = (pinhole.height, pinhole.width)
         self._still.cast(self._seen(room_rows(self._layout)), np.zeros(size, np.uint16))
-        self._still_loss = np.empty(size, np.uint16)
-        self._sensor.lose(self._still, self._still_loss, Window(0, pinhole.width, 0, pinhole.height))
+        self._still_loss = np.full(size, 65535, np.uint16)
+        self._sensor.lose(self._still, self._still_loss)
         self._painter: Painter | None = None
 
     def frame(
@@ -61,9 +61,9 @@ class DepthStage:
         number = round(stamp * 1000.0)
         rows = self._rows(drone_pose, things)
         self._canvas.copy_from(self._still)
-        window = self._canvas.cast(rows, self._sensor.bank.veil(number))
+        self._canvas.cast(rows, self._sensor.bank.veil(number))
         loss = self._still_loss.copy()
-        self._sensor.lose(self._canvas, loss, window)
+        self._sensor.lose(self._canvas, loss)
         depth = self._sensor.sense(number, self._canvas, loss)
         return DepthFrame(stamp, depth, self._colour(number, rows) if colour else None)
 
