@@ -42,8 +42,8 @@ def find_blobs(
     if inside[0] >= inside[2] or inside[1] >= inside[3]:
         return labels, ()
     table = scan(
-        np.ascontiguousarray(depth),
-        background.nearest,
+        _read_only(depth),
+        _read_only(background.nearest),
         inside,
         np.iinfo(np.uint16).max if depth_step is None else round(1e3 * depth_step),
         max(min_area, 1),
@@ -65,3 +65,10 @@ def find_blobs(
         )
         for label, row in enumerate(table, start=1)
     )
+
+
+def _read_only(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return a contiguous view that cannot be written to: one type, so that the pass is compiled once."""
+    view = np.ascontiguousarray(image).view()
+    view.setflags(write=False)
+    return view

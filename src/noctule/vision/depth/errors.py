@@ -37,13 +37,12 @@ class MovingBackgroundError(NoctuleError):
         )
 
 
-def check_depth(depth: NDArray[np.uint16], shape: tuple[int, ...] | None) -> None:
-    """Raise DepthFormatError unless `depth` is a uint16 image, of `shape` (height, width) if given."""
-    if depth.dtype == np.uint16 and depth.ndim == 2 and (shape is None or depth.shape == shape):
+def check_depth(depth: NDArray[np.uint16], shape: tuple[int, ...]) -> None:
+    """Raise DepthFormatError unless `depth` is a uint16 image of `shape` (height, width)."""
+    if depth.dtype == np.uint16 and depth.ndim == 2 and depth.shape == shape:
         return
     found = f"{'x'.join(map(str, depth.shape[1::-1] + depth.shape[2:]))} of {depth.dtype}"
-    expected = "an image" if shape is None else f"{shape[1]}x{shape[0]}"
     raise DepthFormatError(
-        f"depth frame: found {found}, expected {expected} of uint16 [mm]; set the camera's resolution and unit, "
-        "or learn the background again with `noctule calibrate background`"
+        f"depth frame: found {found}, expected {shape[1]}x{shape[0]} of uint16 [mm]; set the camera's "
+        "resolution and unit, or learn the background again with `noctule calibrate background`"
     )

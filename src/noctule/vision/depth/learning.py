@@ -74,7 +74,7 @@ class _Motion:
             cv2.boxFilter(mask.astype(np.float32), -1, (_WINDOW, _WINDOW), normalize=False, borderType=0)
             for mask in (changed, judged)
         )
-        moved = changed & (of > 0.6 * among) & (among > 0.3 * _WINDOW**2)
+        moved = changed & (of > 0.5 * among) & (among > 0.3 * _WINDOW**2)
         area = int(np.count_nonzero(moved))
         if area < _MIN_MOVED:
             return None
@@ -104,7 +104,7 @@ def learn_background(frames: Iterable[Depth], settings: BackgroundSettings | Non
     source = iter(frames)
     first = list(islice(source, _FIRST))
     for depth in first:
-        check_depth(depth, first[0].shape)
+        check_depth(depth, first[0].shape[:2])
     if len(first) < MIN_FRAMES:
         raise TooFewFramesError(
             f"background: found {len(first)} depth frames, expected at least {MIN_FRAMES}, better "
