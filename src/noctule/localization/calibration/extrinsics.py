@@ -76,7 +76,7 @@ def locate_camera(
     camera_sd: Array | None = None,
     floor: Plane | None = None,
 ) -> Extrinsics:
-    """Find the pose of a camera that sees a board at known places; see `extrinsics_faults` for how good it is.
+    """Find the pose of a camera that sees a board at known places; `extrinsics_faults` judges it.
 
     Least squares over all corners of all pictures, started from both poses that the largest view allows
     (IPPE).

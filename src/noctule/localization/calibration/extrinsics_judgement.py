@@ -119,8 +119,7 @@ def require_sound_pose(found: Extrinsics, checks: Sequence[PlaneCheck] = ()) -> 
 
 
 def extrinsics_faults(found: Extrinsics, checks: Sequence[PlaneCheck] = ()) -> list[str]:
-    """Return one line for each thing that is not good enough: what, how much, what was expected, what to "
-    "do."""
+    """Return one line for each thing not good enough: what, how much, what was expected, what to do."""
     faults = []
     if found.residual > LARGEST_RESIDUAL:
         worst = max(range(len(found.views)), key=lambda k: float((found.residuals[k] ** 2).mean()))

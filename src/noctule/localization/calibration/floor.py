@@ -12,6 +12,7 @@ from noctule.camera import PinholeCamera
 from noctule.geometry import Array
 
 _ROUNDS = 8
+_MOST = 40_000  # readings or so that are looked at; more know it no better
 _KEEP = 3.0  # standard deviations that a reading may lie off the plane
 
 
@@ -47,7 +48,7 @@ class PlaneFit:
     """A plane fitted to a depth image."""
 
     plane: Plane
-    count: int  # readings that lie on it
+    count: int  # readings that lie on it, of those looked at
     scatter: float  # [m], sd of these along the optical axis, at their mean depth
 
 
@@ -80,6 +81,8 @@ def fit_plane(
     v, u = np.nonzero(where & (depth > 0))
     if len(u) < fewest:
         return None
+    if len(u) > _MOST:
+        v, u = v[:: len(u) // _MOST], u[:: len(u) // _MOST]
     z = depth[v, u] / 1000.0
     rays = np.column_stack([camera.normalise(np.column_stack([u, v])), np.ones(len(u))])
     inverse = 1.0 / z

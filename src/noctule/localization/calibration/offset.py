@@ -1,0 +1,132 @@
+"""The constant error of a position measurement: from a drone that stands on the floor at known places.
+
+A depth camera sees the top of the drone, and a template has its own middle: what is measured is 25 to 30 mm
+off in height, and some millimetres in x and y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from noctule.errors import NoctuleError
+from noctule.geometry import Array
+from noctule.messages import PoseMeasurement
+
+FEWEST = 30  # measurements at a place, a second's
+LARGEST_SCATTER = 0.015  # [m], sd of an axis
+LARGEST_MOVE = 0.006  # [m], between the first and the last third of the measurements
+LARGEST_DISAGREEMENT = 0.020  # [m], between the offsets of two places
+_AXES = "xyz"
+
+
+class TooFewMeasurementsError(NoctuleError):
+    """Too few measurements of a standing drone."""
+
+
+class MovedDroneError(NoctuleError):
+    """A drone that did not stand still."""
+
+
+class ScatterError(NoctuleError):
+    """Measurements that scatter too much to take their mean."""
+
+
+class PlacesDisagreeError(NoctuleError):
+    """Places whose offsets differ: then the error is not constant, and the camera's pose is at fault."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What was measured while a drone stood at one place."""
+
+    true: Array  # (3,) [m], world, of the body's origin; nan where it is not known
+    measured: Array  # (n, 3) [m], world, in the order of time
+
+
+@dataclass(frozen=True, slots=True)
+class Offset:
+    """What is measured minus what is true."""
+
+    bias: Array  # (3,) [m], world; 0 along axes where no true place was known
+    scatter: Array  # (3,) [m], sd of one measurement
+    disagreement: Array  # (3,) [m], largest minus smallest offset of the places, 0 for one place
+    places: int
+
+
+def on_floor(hull_height: float, x: float = np.nan, y: float = np.nan) -> Array:
+    """Return the place (3,) [m] of the origin of a drone that stands on the floor.
+
+    The origin is the middle of the hull, `hull_height` [m]; leave out x and y where they are not known.
+    """
+    return np.array([x, y, hull_height / 2.0])
+
+
+def measure_offset(standings: Sequence[Standing]) -> Offset:
+    """Return the constant offset of the measurements at one or more places.
+
+    Raises
+    ------
+    TooFewMeasurementsError, MovedDroneError, ScatterError
+        When the measurements at a place (named by its number, from 1) cannot be averaged.
+    PlacesDisagreeError
+        When the offsets at the places differ.
+    """
+    if not standings:
+        raise TooFewMeasurementsError("offset: no place is given, expected a drone standing at one or more")
+    for number, standing in enumerate(standings, start=1):
+        _check(standing.measured, f"offset: place {number}")
+    offsets = np.array([standing.measured.mean(axis=0) - standing.true for standing in standings])
+    scatter = np.sqrt(np.mean([standing.measured.var(axis=0, ddof=1) for standing in standings], axis=0))
+    bias, disagreement = np.zeros(3), np.zeros(3)
+    for axis in range(3):
+        known = offsets[np.isfinite(offsets[:, axis]), axis]
+        if len(known):
+            bias[axis], disagreement[axis] = known.mean(), np.ptp(known)
+    worst = int(np.argmax(disagreement))
+    if disagreement[worst] > LARGEST_DISAGREEMENT:
+        each = ", ".join(f"{1000 * offset:+.0f}" for offset in offsets[:, worst])
+        raise PlacesDisagreeError(
+            f"offset: the places disagree along {_AXES[worst]} ({each} mm), expected to agree within "
+            f"{1000 * LARGEST_DISAGREEMENT:.0f} mm; measure the places again, or calibrate again where the "
+            "camera hangs"
+        )
+    return Offset(bias, scatter, disagreement, len(standings))
+
+
+def corrected(measurement: PoseMeasurement, bias: Array) -> PoseMeasurement:
+    """Return the measurement without the offset `bias` (3,) [m]."""
+    return replace(measurement, position=measurement.position - bias)
+
+
+def _check(measured: Array, name: str) -> None:
+    if len(measured) < FEWEST:
+        raise TooFewMeasurementsError(
+            f"{name}: the drone was measured {len(measured)} times, expected {FEWEST} or more; let it stand "
+            "there for some seconds, in sight of the camera"
+        )
+    scatter = measured.std(axis=0, ddof=1)
+    third = len(measured) // 3
+    # Between means of thirds noise alone makes a difference too.
+    move = np.abs(measured[-third:].mean(axis=0) - measured[:third].mean(axis=0))
+    noise = 4.0 * _within(measured) * np.sqrt(2.0 / third)
+    worst = int(np.argmax(move))
+    if move[worst] > max(LARGEST_MOVE, float(noise[worst])):
+        raise MovedDroneError(
+            f"{name}: the drone moved by {1000 * move[worst]:.0f} mm along {_AXES[worst]}, expected "
+            f"{1000 * LARGEST_MOVE:.0f} mm or less; let it stand still, motors off"
+        )
+    worst = int(np.argmax(scatter))
+    if scatter[worst] > LARGEST_SCATTER:
+        raise ScatterError(
+            f"{name}: measurements scatter by {1000 * scatter[worst]:.0f} mm (sd) along {_AXES[worst]}, "
+            f"expected {1000 * LARGEST_SCATTER:.0f} mm or less; is the drone alone, whole in the picture, "
+            "and its template its own?"
+        )
+
+
+def _within(measured: Array) -> Array:
+    """Return the noise (3,) [m] from neighbours in time, which a slow motion does not enlarge."""
+    return np.asarray(np.diff(measured, axis=0).std(axis=0) / np.sqrt(2.0))
