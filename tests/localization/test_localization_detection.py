@@ -29,7 +29,7 @@ BAND = fit_band(SAMPLES)
 
 def samples_of(altitude, area) -> FlightSamples:
     n = len(altitude)
-    return FlightSamples(np.asarray(altitude), np.asarray(area), np.full(n, DRONE_SURFACE), np.zeros((n, 7)))
+    return FlightSamples(np.asarray(altitude), np.asarray(area), np.full(n, DRONE_SURFACE), np.ones((n, 7)))
 
 
 def test_the_altitude_of_a_blob_is_that_of_its_points() -> None:

@@ -126,13 +126,14 @@ def test_a_blob_of_a_few_pixels_tells_nothing() -> None:
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("power", [0.0, 2.0, 4.0])
 @given(turn=angles, seed=st.integers(0, 99))
-def test_a_harmonic_turns_its_order_times_as_fast_as_the_shape(order, turn, seed) -> None:
+def test_a_harmonic_turns_its_order_times_as_fast_as_the_shape(order, power, turn, seed) -> None:
     rng = np.random.default_rng(seed)
     xy, weights = rng.normal(size=(30, 2)), rng.uniform(0.5, 2.0, 30)
     c, s = np.cos(turn), np.sin(turn)
-    turned = angular_harmonic(xy @ np.array([[c, s], [-s, c]]) + [3.0, -2.0], weights, order)
-    expected = angular_harmonic(xy, weights, order) * np.exp(1j * order * turn)
+    turned = angular_harmonic(xy @ np.array([[c, s], [-s, c]]) + [3.0, -2.0], weights, order, power)
+    expected = angular_harmonic(xy, weights, order, power) * np.exp(1j * order * turn)
     assert abs(turned - expected) < 1e-9
     assert abs(turned) <= 1.0
 
@@ -153,7 +154,7 @@ def test_the_drone_s_heading_is_measured_as_well_as_each_method_says() -> None:
 
 
 def test_the_axis_of_a_method_is_taken_off() -> None:
-    turned = ShapeHeading("plane", 2, 0.3, 0.1, 0.02)
+    turned = ShapeHeading("plane", 2, 2.0, 0.3, 0.1, 0.02)
     sighting = flat(oblong(0.5, 0.25, 0.1))
     assert turned.measure(sighting, 0.0).yaw == pytest.approx(PLANE.measure(sighting, 0.0).yaw - 0.3)
 

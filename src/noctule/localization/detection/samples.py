@@ -13,6 +13,7 @@ from noctule.geometry import Array
 from noctule.localization.detection.detector import blob_altitude, blob_surface, is_cut
 from noctule.localization.detection.splinters import join_splinters
 from noctule.vision.depth.blob import Blob
+from noctule.vision.depth.moments import hu_moments
 
 MIN_SAMPLES = 100
 MIN_CLIMB = 0.5  # [m], between the lowest and the highest of the samples
@@ -44,7 +45,7 @@ class FlightSamples:
     altitude: Array  # (n,) [m], of the surface seen, from the blob's points
     area: Array  # (n,) [px]
     surface: Array  # (n,) [m^2], area times depth squared
-    moments: Array  # (n, 7), the blobs' central moments
+    hu: Array  # (n, 7), Hu's invariants of its shape
 
     def __len__(self) -> int:
         return len(self.altitude)
@@ -79,7 +80,7 @@ def flight_samples(frames: Iterable[Sequence[Blob]], camera: FixedCamera) -> Fli
         np.array([blob_altitude(blob, camera) for blob in chosen]),
         np.array([float(blob.area) for blob in chosen]),
         np.array([blob_surface(blob, camera) for blob in chosen]),
-        np.array([blob.moments for blob in chosen]).reshape(-1, 7),
+        np.array([hu_moments(blob) for blob in chosen]).reshape(-1, 7),
     )
     check_samples(samples)
     return samples
