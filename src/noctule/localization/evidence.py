@@ -1,0 +1,150 @@
+"""What a depth frame says about the cells of a body: drone, free or unknown, seen from a supposed pose.
+
+Every pixel near the supposed pose is taken to the body's axes. A reading that is foreground and near the body's
+height is *drone*, at the place of its own point; a ray that passes that height and ends well below it is *free*, at
+the place where it crosses. Everything else (occluded, invalid, outside the picture) is unknown: no evidence.
+Taking drone readings at their own points, not where their rays cross the plane, keeps sides seen obliquely in place.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from noctule.camera import FixedCamera
+from noctule.geometry import Array, Pose
+from noctule.vision.homography.compiled import compiled
+
+Map = NDArray[np.float32]
+
+BAND = 0.13  # [m], a reading this near to the body's height may be drone; from localization.md
+_PIXELS_PER_CELL = 1.25  # along a side at least; nearer drones are read with a stride
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Square cells in the body's axes, centred on its origin: index [i, j] is x [forward], y [left]."""
+
+    cell: float  # [m]
+    n: int  # cells along a side
+    plane: float  # [m], height over the body's origin at which rays count as free
+
+    @property
+    def half(self) -> float:
+        """Half the side, [m]."""
+        return 0.5 * self.n * self.cell
+
+    def grown(self, margin: float) -> Grid:
+        """Return the grid with `margin` [m] more on every side."""
+        return Grid(self.cell, self.n + 2 * math.ceil(margin / self.cell), self.plane)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """A frame's readings, counted in a grid laid out in the axes of a supposed pose."""
+
+    pose: Pose  # supposed
+    grid: Grid
+    drone: Map  # (n, n), area [cells] of the drone readings in a cell: about 1 where all of it is drone
+    free: Map  # (n, n), the same of readings that see past the cell
+    height: Map  # (n, n) [m], height over the supposed origin, summed over the drone readings' areas
+
+
+def gather(
+    depth: NDArray[np.uint16], nearest: NDArray[np.uint16], camera: FixedCamera, pose: Pose, grid: Grid
+) -> Evidence:
+    """Gather the readings of a depth image (h, w) [mm] in the cells around a supposed pose.
+
+    `nearest` (h, w) [mm] is the background's: a reading below it is foreground.
+    """
+    R_body_camera = pose.R_world_body.T @ camera.R_world_camera
+    t_body_camera = pose.R_world_body.T @ (camera.t_world_camera - pose.position)
+    k = camera.intrinsics
+    n = grid.n
+    drone, free, height = (np.zeros((n, n), dtype=np.float32) for _ in range(3))
+    left, top, right, bottom = window(camera, pose, grid)
+    distance = float(R_body_camera[:, 2] @ -t_body_camera)
+    if left < right and top < bottom and distance > 0.0:
+        stride = max(1, int(grid.cell * k.fx / (_PIXELS_PER_CELL * distance)))
+        _count(
+            depth, nearest, (k.fx, k.fy, k.cx, k.cy), R_body_camera, t_body_camera,
+            (left, top, right, bottom), stride, grid.cell, grid.plane, BAND, drone, free, height,
+        )  # fmt: skip
+    return Evidence(pose, grid, drone, free, height)
+
+
+def window(camera: FixedCamera, pose: Pose, grid: Grid) -> tuple[int, int, int, int]:
+    """Return the part of the picture that shows a grid: left, top, right, bottom [px], clipped to the picture."""
+    a = grid.half
+    corners = np.array([[x, y, z] for x in (-a, a) for y in (-a, a) for z in (grid.plane - 0.05, grid.plane)])
+    x = camera.to_camera(corners @ pose.R_world_body.T + pose.position)
+    if (x[:, 2] < 0.05).any():
+        return 0, 0, 0, 0
+    p = camera.intrinsics.project(x)
+    low, high = np.floor(p.min(axis=0)), np.ceil(p.max(axis=0))
+    k = camera.intrinsics
+    return (
+        int(min(max(low[0], 0.0), k.width)),
+        int(min(max(low[1], 0.0), k.height)),
+        int(min(max(high[0] + 1.0, 0.0), k.width)),
+        int(min(max(high[1] + 1.0, 0.0), k.height)),
+    )
+
+
+@compiled
+def _count(
+    depth: NDArray[np.uint16],
+    nearest: NDArray[np.uint16],
+    intrinsics: tuple[float, float, float, float],
+    R: Array,
+    t: Array,
+    window: tuple[int, int, int, int],
+    stride: int,
+    cell: float,
+    plane: float,
+    band: float,
+    drone: Map,
+    free: Map,
+    height: Map,
+) -> None:
+    """Add the readings of a window to the maps; R, t take camera coordinates to the body's."""
+    fx, fy, cx, cy = intrinsics
+    n = drone.shape[0]
+    inverse = 1.0 / cell
+    middle = 0.5 * n
+    scale = (stride / cell) ** 2 / (fx * fy)  # a reading stands for its pixel's shadow on the level plane
+    left, top, right, bottom = window
+    for v in range(top, bottom, stride):
+        y_m = (v - cy) / fy
+        ax = R[0, 1] * y_m + R[0, 2]
+        ay = R[1, 1] * y_m + R[1, 2]
+        az = R[2, 1] * y_m + R[2, 2]
+        for u in range(left, right, stride):
+            reading = depth[v, u]
+            if reading == 0:
+                continue
+            x_m = (u - cx) / fx
+            rz = az + R[2, 0] * x_m
+            d = reading * 0.001
+            over = t[2] + d * rz - plane
+            if over > band:
+                continue  # something nearer hides the cell
+            seen = reading < nearest[v, u] and over > -band
+            if not seen:
+                d = (plane - t[2]) / rz
+                # Near the floor a body may be too close to the background to be told from it.
+                if over > -band and d * 1000.0 >= nearest[v, u]:
+                    continue
+            area = d * d * scale / -rz
+            i = int((t[0] + d * (ax + R[0, 0] * x_m)) * inverse + middle)
+            j = int((t[1] + d * (ay + R[1, 0] * x_m)) * inverse + middle)
+            if i < 0 or j < 0 or i >= n or j >= n:
+                continue
+            if seen:
+                drone[i, j] += area
+                height[i, j] += area * (over + plane)
+            else:
+                free[i, j] += area
