@@ -44,8 +44,9 @@ class NoiseBank:
         self._shift = (dv * camera.width + du).astype(np.int16)
         self._chance = rng.integers(0, 65536, size, dtype=np.uint16)
         # The ranks of a smooth field are uniform: patches, not dots.
-        ranks = np.argsort(np.argsort(_smooth(rng, size, _VEIL_BLUR), axis=None))
-        self._veil = (ranks * 65536 // ranks.size).astype(np.uint16).reshape(size)
+        order = np.argsort(_smooth(rng, size, _VEIL_BLUR), axis=None)
+        self._veil = np.empty(size, np.uint16)
+        self._veil.flat[order] = np.arange(order.size) * 65536 // order.size
 
     def errors(self, number: int) -> tuple[NDArray[Any], ...]:
         """Return windows (height, width) of a frame: noise, noise, shift in the flat image [px], chance."""
