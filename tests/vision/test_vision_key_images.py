@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import count as counted
 from itertools import pairwise
 
 import cv2
@@ -11,7 +12,7 @@ import pytest
 
 from noctule.camera import PinholeCamera
 from noctule.geometry import rot_y
-from noctule.vision.key_images import Choice, Frame, choose_key_images, sharpness
+from noctule.vision.key_images import Choice, Frame, KeyImageWalk, choose_key_images, sharpness
 
 CAMERA = PinholeCamera.centred(320, 240, 200.0)
 
@@ -149,3 +150,108 @@ def test_the_same_frames_give_the_same_choice():
     first, second = chosen(frames), chosen(frames)
     assert [(k.index, k.reason, k.link) for k in first] == [(k.index, k.reason, k.link) for k in second]
     assert all(a.index < b.index for a, b in pairwise(first))
+
+
+TICKS = counted()
+
+
+def walked(angles, automatic: bool = True, gaps: bool = False) -> KeyImageWalk:
+    walk = KeyImageWalk(CAMERA, Choice(window=0.05, gaps=gaps), automatic=automatic)
+    return onward(walk, angles)
+
+
+def onward(walk: KeyImageWalk, angles) -> KeyImageWalk:
+    for angle in angles:
+        walk.look(Frame(0.1 * next(TICKS), turned(angle)))
+    return walk
+
+
+def test_a_walk_shows_what_it_took_and_what_the_newest_key_image_shares_with_now():
+    walk = walked(np.arange(0.0, 10.0, 2.0))
+    assert [key.reason for key in walk.taken] == ["first"]
+    assert abs(np.degrees(walk.link.yaw)) == pytest.approx(6.0, abs=0.5)  # the window before is compared
+    onward(walk, np.arange(10.0, 24.0, 2.0))
+    assert [key.reason for key in walk.taken] == ["first", "enough motion"]
+
+
+def test_a_person_takes_the_newest_frame_once():
+    walk = walked([0.0, 2.0, 4.0])
+    assert walk.take("asked").frame.pixels is walk.taken[-1].frame.pixels
+    assert np.array_equal(walk.taken[-1].frame.pixels, turned(4.0))
+    assert walk.taken[-1].link.shared >= 40
+    assert walk.take("asked") is None
+    assert [key.reason for key in walk.taken] == ["first", "asked"]
+
+
+def test_without_a_frame_there_is_nothing_to_take_or_undo_or_finish():
+    walk = KeyImageWalk(CAMERA)
+    walk.finish()
+    assert (walk.take("asked"), walk.undo(), walk.taken) == (None, None, [])
+
+
+def test_a_walk_that_is_not_automatic_takes_nothing_by_itself():
+    walk = walked(np.arange(0.0, 30.0, 2.0), automatic=False)
+    walk.finish()
+    assert (walk.taken, walk.link) == ([], None)
+    walk.take("asked")
+    onward(walk, np.arange(30.0, 50.0, 2.0))
+    walk.finish()
+    assert len(walk.taken) == 1
+    assert abs(np.degrees(walk.link.yaw)) == pytest.approx(18.0, abs=2.1)
+
+
+def test_after_undo_nothing_is_taken_until_the_camera_was_back():
+    walk = walked(np.arange(0.0, 20.0, 2.0))
+    assert [key.reason for key in walk.taken] == ["first", "enough motion"]
+    undone = walk.undo()
+    assert undone.reason == "enough motion"
+    onward(walk, np.arange(16.0, 22.0, 2.0))
+    walk.finish()
+    assert (len(walk.taken), walk.waiting) == (1, True)
+    onward(walk, np.arange(20.0, -0.1, -2.0))
+    assert not walk.waiting
+    onward(walk, np.arange(0.0, -20.0, -2.0))
+    assert [key.reason for key in walk.taken] == ["first", "enough motion"]
+    assert walk.taken[-1].link.yaw * undone.link.yaw < 0.0  # the other way
+
+
+def test_after_undo_a_person_goes_on_from_here():
+    walk = walked(np.arange(0.0, 20.0, 2.0))
+    walk.undo()
+    walk.take("asked")
+    onward(walk, np.arange(18.0, 40.0, 2.0))
+    assert [key.reason for key in walk.taken] == ["first", "asked", "enough motion"]
+
+
+def test_when_all_is_undone_the_path_begins_where_a_person_says():
+    walk = walked([0.0, 2.0])
+    walk.undo()
+    onward(walk, np.arange(2.0, 30.0, 2.0))
+    assert walk.taken == []
+    walk.take("asked")
+    assert [(key.reason, key.link) for key in walk.taken] == [("asked", None)]
+
+
+def test_an_image_that_a_person_took_at_the_end_stays_the_last():
+    walk = walked(np.arange(0.0, 10.0, 2.0))
+    walk.take("asked")
+    onward(walk, [8.0, 8.5, 9.0])
+    walk.finish()
+    assert [key.reason for key in walk.taken] == ["first", "asked"]
+
+
+def test_where_gaps_are_not_taken_the_walk_waits_for_something_that_matches():
+    walk = walked([0.0, 3.0, *[120.0 + i for i in range(12)]])
+    walk.finish()
+    assert not any(key.reason.startswith("gap") for key in walk.taken)
+    assert all(
+        np.array_equal(k.frame.pixels, turned(a)) for k, a in zip(walk.taken, (0.0, 3.0), strict=False)
+    )
+    assert walk.link.shared < 16
+
+
+def test_where_gaps_are_not_taken_a_hover_at_the_start_makes_no_path():
+    assert [key.reason for key in chosen(pan([0.0] * 4))] == ["first", "last"]
+    walk = walked([0.0] * 4)
+    walk.finish()
+    assert [key.reason for key in walk.taken] == ["first"]

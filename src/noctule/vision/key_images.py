@@ -49,7 +49,7 @@ class Choice:
     cells: int = 8  # parts of the picture, of 24, that the points should cover
     fewest_cells: int = 5  # and must
     patience: int = 4  # windows without any geometry, after which the way has a gap
-    gaps: bool = True  # whether a key image is taken then; without, the walk waits until something matches
+    gaps: bool = True  # whether a key image is taken then, and at an end that leads nowhere; else never
 
     def grade(self, link: LinkQuality) -> int:
         """Return 2 for a good link, 1 for one that can be flown, 0 for none."""
@@ -196,7 +196,10 @@ class KeyImageWalk:
             self.taken[-1] = replace(self.taken[-1], reason="last")
             return
         final = self._measured(self._keys[-1], seen)
-        if (final.grade == 0 and not self.choice.gaps) or (final.motion < 0.5 and self._asked):
+        if final.motion < 0.5 and self._asked:
+            return
+        nowhere = final.grade == 0 or (len(self._keys) == 1 and final.motion < 0.25)
+        if nowhere and not self.choice.gaps:
             return
         if len(self._keys) > 1 and final.motion < 0.5:
             # A hover at the end is no way to fly: the last frame stands for the key image beside it.
