@@ -8,32 +8,29 @@ from numpy.typing import NDArray
 
 from noctule.geometry import Array
 
-# Columns of the runs: first pixel, pixel behind the last, row, parent in the union-find forest (later the
-# label), sum of depths, sum of column times depth.
-START, END, ROW, PARENT, DEPTH, U_DEPTH = range(6)
+# Columns of the runs: first pixel, pixel behind the last, row, sum of depths, sum of column times depth.
+START, END, ROW, DEPTH, U_DEPTH = range(5)
 COLUMNS = 17  # of the table that `scan` returns, in the order of the fields of Blob without label and depth
+MAX_LABEL = 65535
 
 
 @njit(cache=True, error_model="numpy")
-def _root(runs: NDArray[np.int64], i: int) -> int:
-    while runs[i, PARENT] != i:
-        runs[i, PARENT] = runs[runs[i, PARENT], PARENT]
-        i = runs[i, PARENT]
+def _root(parent: NDArray[np.int64], i: int) -> int:
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
     return i
 
 
 @njit(cache=True, error_model="numpy")
 def _touch(
-    above: NDArray[np.uint16],
-    here: NDArray[np.uint16],
-    run: NDArray[np.int64],
-    upper: NDArray[np.int64],
-    step: int,
+    depth: NDArray[np.uint16], v: int, start: int, end: int, upper_start: int, upper_end: int, step: int
 ) -> bool:
-    """Return whether a pixel of `run` and one of `upper`, 8-neighbours, differ by at most `step` [mm]."""
-    for u in range(max(run[START], upper[START] - 1), min(run[END], upper[END] + 1)):
-        for w in range(max(upper[START], u - 1), min(upper[END], u + 2)):
-            if abs(np.int64(here[u]) - np.int64(above[w])) <= step:
+    """Return whether two runs, in row v and above, have 8-neighbours that differ by at most `step` [mm]."""
+    for u in range(max(start, upper_start - 1), min(end, upper_end + 1)):
+        z = np.int64(depth[v, u])
+        for w in range(max(upper_start, u - 1), min(upper_end, u + 2)):
+            if abs(z - np.int64(depth[v - 1, w])) <= step:
                 return True
     return False
 
@@ -45,17 +42,21 @@ def _find_runs(
     region: tuple[int, int, int, int],
     step: int,
     runs: NDArray[np.int64],
+    parent: NDArray[np.int64],
 ) -> int:
-    """Fill `runs`, joined to those of the row above; return how many there are."""
+    """Fill `runs` and join them to those of the row above in `parent`; return how many there are.
+
+    No array is sliced within a row: counting the references to slices costs more than the pixels do.
+    """
     left, top, right, bottom = region
     # A row's comparison is one vectorised loop; eight pixels at a time are then skipped as a word.
     mask = np.zeros((right - left + 15) // 8 * 8, dtype=np.uint8)
     words = mask.view(np.uint64)
     n = above_first = above_end = 0
     for v in range(top, bottom):
-        z, limit = depth[v, left:right], nearest[v, left:right]
+        row, limit = depth[v, left:right], nearest[v, left:right]
         for u in range(right - left):
-            mask[u] = (z[u] > 0) & (z[u] < limit[u])
+            mask[u] = (row[u] > 0) & (row[u] < limit[u])
         first, p = n, above_first
         seen = np.uint64(0)
         for k in range(words.shape[0]):
@@ -72,24 +73,29 @@ def _find_runs(
                 if mask[u] == 0:
                     u += 1
                     continue
-                start = u
+                start = u + left
+                z = np.int64(row[u])
+                total, moment = z, start * z
                 u += 1
-                while mask[u] != 0 and abs(np.int64(z[u]) - np.int64(z[u - 1])) <= step:
+                while mask[u] != 0:
+                    following = np.int64(row[u])
+                    if abs(following - z) > step:
+                        break
+                    z = following
+                    total += z
+                    moment += (u + left) * z
                     u += 1
-                total = moment = np.int64(0)
-                for w in range(start, u):  # on its own, so that it is vectorised
-                    total += np.int64(z[w])
-                    moment += w * np.int64(z[w])
-                run = runs[n]
-                run[START], run[END], run[ROW], run[PARENT] = start + left, u + left, v, n
-                run[DEPTH], run[U_DEPTH] = total, moment + left * total
-                while p < above_end and runs[p, END] < run[START]:
+                end = u + left
+                runs[n, START], runs[n, END], runs[n, ROW] = start, end, v
+                runs[n, DEPTH], runs[n, U_DEPTH] = total, moment
+                parent[n] = n
+                while p < above_end and runs[p, END] < start:
                     p += 1
                 q = p
-                while q < above_end and runs[q, START] <= run[END]:
-                    a, b = _root(runs, n), _root(runs, q)
-                    if a != b and _touch(depth[v - 1], depth[v], run, runs[q], step):
-                        runs[max(a, b), PARENT] = min(a, b)
+                while q < above_end and runs[q, START] <= end:
+                    a, b = _root(parent, n), _root(parent, q)
+                    if a != b and _touch(depth, v, start, end, runs[q, START], runs[q, END], step):
+                        parent[max(a, b)] = min(a, b)
                     q += 1
                 n += 1
         above_first, above_end = first, n
@@ -137,59 +143,60 @@ def scan(
     step: int,
     min_area: int,
     intrinsics: tuple[float, float, float, float],
-    labels: NDArray[np.int32],
+    labels: NDArray[np.uint16],
 ) -> Array:
     """Return a row for each blob, (n, COLUMNS), and write 1 to n into `labels` (all 0 before).
 
     `region` is (left, top, right, bottom) [px], `intrinsics` (fx, fy, cx, cy) [px], `step` in [mm].
     """
     # Room for every pixel as its own run; what is not written to costs nothing.
-    runs = np.empty(((region[2] - region[0]) * (region[3] - region[1]), 6), dtype=np.int64)
-    n_runs = _find_runs(depth, nearest, region, step, runs)
+    room = (region[2] - region[0]) * (region[3] - region[1])
+    runs, parent = np.empty((room, 5), dtype=np.int64), np.empty(room, dtype=np.int64)
+    n_runs = _find_runs(depth, nearest, region, step, runs, parent)
     area = np.zeros(n_runs, dtype=np.int64)
     for i in range(n_runs):
-        runs[i, PARENT] = runs[runs[i, PARENT], PARENT]  # the least of a tree is its root and comes first
-        area[runs[i, PARENT]] += runs[i, END] - runs[i, START]
+        parent[i] = parent[parent[i]]  # the least of a tree is its root and comes first
+        area[parent[i]] += runs[i, END] - runs[i, START]
     label = np.zeros(n_runs, dtype=np.int64)
     n = 0
     for i in range(n_runs):
-        if area[i] >= min_area:
+        if area[i] >= min_area and n < MAX_LABEL:
             n += 1
             label[i] = n
     raw = np.zeros((n, 13), dtype=np.int64)
     table = np.empty((n, COLUMNS))
     for i in range(n_runs):
-        k = label[runs[i, PARENT]] - 1
+        k = label[parent[i]] - 1
         if k < 0:
             continue
         start, end, v = runs[i, START], runs[i, END], runs[i, ROW]
-        labels[v, start:end] = k + 1
-        row, m = table[k], raw[k]
-        if m[0] == 0:
-            row[1], row[2], row[3] = start, v, end
-        row[1], row[3], row[4] = min(row[1], start), max(row[3], end), v + 1
+        for u in range(start, end):
+            labels[v, u] = k + 1
+        if raw[k, 0] == 0:
+            table[k, 1], table[k, 2], table[k, 3] = start, v, end
+        table[k, 1], table[k, 3], table[k, 4] = min(table[k, 1], start), max(table[k, 3], end), v + 1
         width = end - start
         s1, s2, s3 = _sums(start, end)
-        m[0] += width
-        m[1] += s1
-        m[2] += v * width
-        m[3] += s2
-        m[4] += v * s1
-        m[5] += v * v * width
-        m[6] += s3
-        m[7] += v * s2
-        m[8] += v * v * s1
-        m[9] += v * v * v * width
-        m[10] += runs[i, DEPTH]
-        m[11] += runs[i, U_DEPTH]
-        m[12] += v * runs[i, DEPTH]
+        raw[k, 0] += width
+        raw[k, 1] += s1
+        raw[k, 2] += v * width
+        raw[k, 3] += s2
+        raw[k, 4] += v * s1
+        raw[k, 5] += v * v * width
+        raw[k, 6] += s3
+        raw[k, 7] += v * s2
+        raw[k, 8] += v * v * s1
+        raw[k, 9] += v * v * v * width
+        raw[k, 10] += runs[i, DEPTH]
+        raw[k, 11] += runs[i, U_DEPTH]
+        raw[k, 12] += v * runs[i, DEPTH]
     fx, fy, cx, cy = intrinsics
     for k in range(n):
-        m, row = raw[k], table[k]
-        _central(m, row[5:14])
-        row[0] = m[0]
+        m = raw[k]
+        _central(m, table[k, 5:14])
+        table[k, 0] = m[0]
         metres = 1e-3 / m[0]
-        row[14] = metres * (m[11] - cx * m[10]) / fx
-        row[15] = metres * (m[12] - cy * m[10]) / fy
-        row[16] = metres * m[10]
+        table[k, 14] = metres * (m[11] - cx * m[10]) / fx
+        table[k, 15] = metres * (m[12] - cy * m[10]) / fy
+        table[k, 16] = metres * m[10]
     return table
