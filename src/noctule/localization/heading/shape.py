@@ -1,4 +1,4 @@
-"""Heading by angular harmonics of the shape in the world plane: second ("plane", "axis") and fourth."""
+"""Heading by angular harmonics of the shape in the world plane: second ("plane", "axis") and fourth.
 
 The mean of zeta^k over the surface, with zeta = x + i y in metres about the centroid, turns k times as fast
 as the body: its angle over k is the heading up to 1/k of a turn. For k = 2 it holds the second moments:
