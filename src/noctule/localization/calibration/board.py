@@ -59,9 +59,11 @@ class Board:
             raise BoardError(
                 f"board: dictionary {self.dictionary!r} is unknown; expected one of {', '.join(DICTIONARIES)}"
             )
-        if not (3 <= self.columns <= 50 and 3 <= self.rows <= 50):
+        sides = 3 <= self.columns <= 50 and 3 <= self.rows <= 50
+        if not sides or (self.columns - 1) * (self.rows - 1) < FEWEST_CORNERS:
             raise BoardError(
-                f"board: it has {self.columns}x{self.rows} squares; expected 3 to 50 along each side"
+                f"board: it has {self.columns}x{self.rows} squares; expected 3 to 50 along each side, and at "
+                f"least {FEWEST_CORNERS} corners inside"
             )
         if not 0.005 <= self.square <= 1.0:
             raise BoardError(f"board: its squares are {self.square:g} m; expected 0.005 to 1 m")

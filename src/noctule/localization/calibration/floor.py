@@ -13,6 +13,7 @@ from noctule.geometry import Array
 
 _ROUNDS = 8
 _MOST = 40_000  # readings or so that are looked at; more know it no better
+_FLAT = 0.06  # [m], readings that scatter more are no plane
 _KEEP = 3.0  # standard deviations that a reading may lie off the plane
 
 
@@ -73,7 +74,7 @@ def near_plane(
 def fit_plane(
     depth: NDArray[np.uint16], camera: PinholeCamera, where: NDArray[np.bool_], fewest: int = 200
 ) -> PlaneFit | None:
-    """Fit a plane to the readings [mm] of the pixels `where`; None where fewer than `fewest` lie on one.
+    """Fit a plane to the readings [mm] of the pixels `where`; None where fewer than `fewest` lie on one, or none does.
 
     Linear in the inverse depth, whose noise is the same at every depth for cameras that triangulate; readings
     off the plane are left out.
@@ -102,4 +103,6 @@ def fit_plane(
     plane = Plane(-slope / length, 1.0 / length)
     depths = z[keep]
     scatter = float(np.std(depths - plane.depth_at(rays[keep, :2])))
+    if not scatter <= _FLAT:
+        return None
     return PlaneFit(plane, int(keep.sum()), scatter)

@@ -75,7 +75,7 @@ def _floor_rows(pose: WorldInCamera, floor: Plane) -> tuple[Array, Array]:
     return off, J
 
 
-def _system(
+def system(
     pose: WorldInCamera, corners: Corners, camera: PinholeCamera, floor: Plane | None, noise: float
 ) -> tuple[Array, Array]:
     """Return the residuals and the Jacobian of what they are compared with, over their deviations."""
@@ -90,13 +90,13 @@ def refine(
     pose: WorldInCamera, corners: Corners, camera: PinholeCamera, floor: Plane | None, noise: float
 ) -> WorldInCamera:
     """Return the pose of least squares near `pose` (Levenberg and Marquardt)."""
-    off, J = _system(pose, corners, camera, floor, noise)
+    off, J = system(pose, corners, camera, floor, noise)
     damping = 1e-6
     for _ in range(_ROUNDS):
         A = J.T @ J
         step = np.linalg.solve(A + damping * np.diag(np.diag(A)), J.T @ off)
         tried = WorldInCamera(np.asarray(cv2.Rodrigues(step[:3])[0]) @ pose.R, pose.t + step[3:])
-        new, new_J = _system(tried, corners, camera, floor, noise)
+        new, new_J = system(tried, corners, camera, floor, noise)
         if new @ new <= off @ off:
             pose, off, J, damping = tried, new, new_J, damping / 10.0
             if float(np.linalg.norm(step)) < _STILL:
@@ -117,7 +117,7 @@ def uncertainty(
     noise: float,
 ) -> tuple[float, Array]:
     """Return the deviation of the rotation [rad] and of the camera's place (3,) [m]."""
-    _, J = _system(pose, corners, camera, floor, noise)
+    _, J = system(pose, corners, camera, floor, noise)
     covariance: Array = np.asarray(np.linalg.inv(J.T @ J), dtype=np.float64)
     if camera_sd is not None:
         x = corners.x @ pose.R.T + pose.t
