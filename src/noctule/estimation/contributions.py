@@ -1,9 +1,9 @@
 """What nodes send each other: contributions of information, and their bytes.
 
 The layout is fixed and little-endian: magic, version, size n, name of the source, sequence, stamp, yaw and
-heading bias of the linearisation, inflation, i (n numbers), the upper triangle of I row by row, CRC-32 of
-all before. Nothing read from the wire is believed before it is checked: a matrix is positive semidefinite, or the
-message is refused.
+heading bias of the linearisation, i and jump (n numbers each), the upper triangle of I row by row, CRC-32 of
+all before. Nothing read from the wire is believed before it is checked: the matrix is positive semidefinite,
+or the message is refused.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import numpy as np
 
 from noctule.errors import NoctuleError
 from noctule.estimation.filter_state import SIZES, YAW, heading_bias_index
-from noctule.estimation.gating import MOST_INFLATION
 from noctule.estimation.information_filter import contribution
 from noctule.estimation.measurements import Measurement, linearise
 from noctule.geometry import Array
@@ -25,7 +24,7 @@ from noctule.geometry import Array
 MAGIC = b"NOCI"
 VERSION = 1
 NAME_BYTES = 16
-_HEAD = struct.Struct(f"<4sHH{NAME_BYTES}sQdddd")
+_HEAD = struct.Struct(f"<4sHH{NAME_BYTES}sQddd")
 _CRC = struct.Struct("<I")
 
 
@@ -44,17 +43,17 @@ class Contribution:
     I: Array  # (n, n) H' R^-1 H  # noqa: E741 - the paper's name
     yaw: float  # [rad], where it was linearised, as the sender counts turns
     heading_bias: float  # [rad], likewise; 0 when the state has none
-    inflation: float = 1.0  # by which covariances grow before it is added: see gating
+    jump: Array | None = None  # (n,) j of the covariance j j' to be added before: see gating
 
 
-def contribution_of(x: Array, measurement: Measurement, inflation: float = 1.0) -> Contribution:
+def contribution_of(x: Array, measurement: Measurement, jump: Array | None = None) -> Contribution:
     """Return what `measurement` contributes, linearised at x (n,); it keeps the measurement's id."""
     residual, H = linearise(x, measurement.components, measurement.z)
     i, I = contribution(x, residual, H, measurement.R)  # noqa: E741
     b = heading_bias_index(x.size)
     bias = float(x[b]) if b >= 0 else 0.0
     who, count = measurement.source, measurement.sequence
-    return Contribution(measurement.stamp, who, count, i, I, float(x[YAW]), bias, inflation)
+    return Contribution(measurement.stamp, who, count, i, I, float(x[YAW]), bias, jump)
 
 
 def to_bytes(part: Contribution) -> bytes:
@@ -67,9 +66,11 @@ def to_bytes(part: Contribution) -> bytes:
         )
     check(part)
     n = part.i.size
-    scalars = (part.stamp, part.yaw, part.heading_bias, part.inflation)
+    scalars = (part.stamp, part.yaw, part.heading_bias)
     body = _HEAD.pack(MAGIC, VERSION, n, name, part.sequence, *scalars)
-    body += part.i.astype("<f8").tobytes() + part.I[np.triu_indices(n)].astype("<f8").tobytes()
+    jump = np.zeros(n) if part.jump is None else part.jump
+    numbers = np.concatenate([part.i, jump, part.I[np.triu_indices(n)]])
+    body += numbers.astype("<f8").tobytes()
     return body + _CRC.pack(zlib.crc32(body))
 
 
@@ -80,7 +81,7 @@ def from_bytes(data: bytes) -> Contribution:
             f"contribution: {len(data)} bytes; expected at least {_HEAD.size + _CRC.size}: "
             "is the peer a node?"
         )
-    magic, version, n, name, sequence, stamp, yaw, heading_bias, inflation = _HEAD.unpack_from(data)
+    magic, version, n, name, sequence, stamp, yaw, heading_bias = _HEAD.unpack_from(data)
     if magic != MAGIC or version != VERSION:
         raise ContributionError(
             f"contribution: begins with {magic!r} version {version}; expected {MAGIC!r} version {VERSION}: "
@@ -101,38 +102,41 @@ def from_bytes(data: bytes) -> Contribution:
         source = ""
     if not source or "\0" in source:
         raise ContributionError(f"contribution: names its source {name!r}; expected text")
-    numbers = np.frombuffer(data, "<f8", n + n * (n + 1) // 2, _HEAD.size).astype(np.float64)
+    numbers = np.frombuffer(data, "<f8", _count(n), _HEAD.size).astype(np.float64)
     I = np.zeros((n, n))  # noqa: E741
-    I[np.triu_indices(n)] = numbers[n:]
+    I[np.triu_indices(n)] = numbers[2 * n :]
     I = I + np.triu(I, 1).T  # noqa: E741
-    part = Contribution(stamp, source, sequence, numbers[:n], I, yaw, heading_bias, inflation)
+    i, jump = numbers[:n].copy(), numbers[n : 2 * n].copy()
+    part = Contribution(stamp, source, sequence, i, I, yaw, heading_bias, jump if jump.any() else None)
     check(part)
     return part
 
 
 def message_length(n: int) -> int:
     """Return how many bytes the message of a state of `n` numbers has."""
-    return _HEAD.size + 8 * (n + n * (n + 1) // 2) + _CRC.size
+    return _HEAD.size + 8 * _count(n) + _CRC.size
+
+
+def _count(n: int) -> int:
+    return 2 * n + n * (n + 1) // 2
 
 
 def check(part: Contribution) -> None:
     """Raise ContributionError unless the contribution is one that a measurement can have made."""
     n = part.i.size
     who = f"contribution {part.sequence} of {part.source!r}"
-    if n not in SIZES or part.i.shape != (n,) or part.I.shape != (n, n):
+    jump = np.zeros(n) if part.jump is None else part.jump
+    if n not in SIZES or part.i.shape != (n,) or part.I.shape != (n, n) or jump.shape != (n,):
         raise ContributionError(
-            f"{who}: i {part.i.shape} and I {part.I.shape}; expected (n,) and (n, n) with n from "
-            f"{SIZES[0]} to {SIZES[-1]}"
+            f"{who}: i {part.i.shape}, I {part.I.shape}, jump {jump.shape}; "
+            f"expected (n,), (n, n) and (n,) with n from {SIZES[0]} to {SIZES[-1]}"
         )
     scalars = (part.stamp, part.yaw, part.heading_bias)
-    if not (np.isfinite(part.i).all() and np.isfinite(part.I).all() and all(map(math.isfinite, scalars))):
+    arrays = (part.i, part.I, jump)
+    if not (all(np.isfinite(a).all() for a in arrays) and all(map(math.isfinite, scalars))):
         raise ContributionError(f"{who}: holds numbers that are not finite; it is refused")
     if not 0 <= part.sequence < 2**64:
         raise ContributionError(f"{who}: its sequence is out of range; expected 0 to 2^64 - 1")
-    if not 1.0 <= part.inflation <= MOST_INFLATION:
-        raise ContributionError(
-            f"{who}: inflates covariances by {part.inflation:g}; expected 1 to {MOST_INFLATION:g}"
-        )
     if not np.array_equal(part.I, part.I.T):
         raise ContributionError(f"{who}: I is not symmetric; it is refused")
     values, vectors = np.linalg.eigh(part.I)

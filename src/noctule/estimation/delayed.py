@@ -12,13 +12,13 @@ from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from noctule.estimation.compiled import compiled
 from noctule.estimation.contributions import Contribution
+from noctule.estimation.events import Event, Input, Key, Snapshot
 from noctule.estimation.filter_state import FilterError, StateEstimate
 from noctule.estimation.gating import GateSettings, judge
 from noctule.estimation.information_filter import assimilate, turned
@@ -29,19 +29,6 @@ from noctule.geometry import Array
 from noctule.settings import Settings
 
 _NOTHING = np.zeros(4)
-
-
-@dataclass(frozen=True, slots=True)
-class Input:
-    """A command that was sent: normalised for an identified vehicle, velocities for one that follows them."""
-
-    stamp: float  # [s], when it was sent; it takes effect after the model's delay
-    u: Array | None  # (4,) forward, left, up, yaw; None when nobody knows what the vehicle is told
-    source: str = "commands"
-    sequence: int = 0
-
-
-Event = Measurement | Contribution | Input
 
 
 class FilterSettings(Settings):
@@ -71,19 +58,13 @@ def sound(x: Array, P: Array) -> bool:
     return True
 
 
-class _Key(NamedTuple):
-    stamp: float  # [s], when it takes effect
-    rank: int  # inputs before measurements of the same time
-    source: str
-    sequence: int
-
-
 @dataclass(slots=True)
 class _Slot:
     """An event and what the filter knew after it."""
 
-    key: _Key
+    key: Key
     event: Event | None
+    at: float  # [s], of the state: that of the last event that was used
     x: Array
     P: Array
     input: Input | None = None  # in force after it
@@ -107,7 +88,7 @@ class DelayedFilter:
         self._noise = settings.noise.densities
         self._noise_without = settings.noise_without_commands.densities
         self._settled_refusals: Counter[str] = Counter()
-        self._slots = [_Slot(_Key(start.stamp, -1, "", 0), None, start.x, start.P)]
+        self._slots = [_Slot(Key(start.stamp, -1, "", 0), None, start.stamp, start.x, start.P)]
         self._keys = [self._slots[0].key]
         self._valid = 1  # slots whose state is worked out
 
@@ -130,12 +111,12 @@ class DelayedFilter:
             counts.update(slot.refused)
         return counts
 
-    def key(self, event: Event) -> _Key:
+    def key(self, event: Event) -> Key:
         """Return where in time an event belongs."""
         if isinstance(event, Input):
             delay = 0.0 if self.model is None else self.model.delay
-            return _Key(event.stamp + delay, 0, event.source, event.sequence)
-        return _Key(event.stamp, 1, event.source, event.sequence)
+            return Key(event.stamp + delay, 0, event.source, event.sequence)
+        return Key(event.stamp, 1, event.source, event.sequence)
 
     def insert(self, event: Event, now: float | None = None) -> bool:
         """Put an event in its place and return whether it was new and in time.
@@ -161,7 +142,7 @@ class DelayedFilter:
             self.dropped["duplicate"] += 1
             return False
         first = self._slots[0]
-        self._slots.insert(i, _Slot(key, event, first.x, first.P))
+        self._slots.insert(i, _Slot(key, event, first.at, first.x, first.P))
         self._keys.insert(i, key)
         self._valid = min(self._valid, i)
         self._forget()
@@ -178,37 +159,32 @@ class DelayedFilter:
                 f"estimate at {at:.3f} s asked, the filter remembers from {self.oldest:.3f} s on; "
                 "ask earlier or make its window longer"
             )
-        i = bisect_right(self._keys, _Key(at, 2, "", 0))
+        i = bisect_right(self._keys, Key(at, 2, "", 0))
         return StateEstimate(at, *self._at(i, at))
 
     def before(self, event: Event) -> StateEstimate:
         """Return what is known at an event's time of all that comes before it."""
         key = self.key(event)
         if key <= self._keys[0]:
-            return StateEstimate(self.oldest, self._slots[0].x, self._slots[0].P)
+            return StateEstimate(self._slots[0].at, self._slots[0].x, self._slots[0].P)
         return StateEstimate(key.stamp, *self._at(bisect_left(self._keys, key), key.stamp))
 
-    def snapshot(self) -> tuple[StateEstimate, Input | None, tuple[Event, ...]]:
-        """Return the oldest state that is remembered, the input in force then, and all events since.
-
-        A filter made of them knows what this one knows, ids included: nothing counts twice.
-        """
+    def snapshot(self) -> Snapshot:
+        """Return the oldest state that is remembered and all events since."""
         first = self._slots[0]
         events = tuple(slot.event for slot in self._slots[1:] if slot.event is not None)
-        return StateEstimate(first.key.stamp, first.x, first.P), first.input, events
+        return Snapshot(first.key, first.at, first.x, first.P, first.input, first.since, events)
 
     @classmethod
     def of_snapshot(
-        cls,
-        snapshot: tuple[StateEstimate, Input | None, tuple[Event, ...]],
-        model: VehicleModel | None = None,
-        settings: FilterSettings = DEFAULTS,
+        cls, snapshot: Snapshot, model: VehicleModel | None = None, settings: FilterSettings = DEFAULTS
     ) -> DelayedFilter:
         """Return a filter that knows what the one of the snapshot knew."""
-        start, in_force, events = snapshot
-        made = cls(start, model, settings)
-        made._slots[0].input = in_force
-        for event in events:
+        made = cls(StateEstimate(snapshot.at, snapshot.x, snapshot.P), model, settings)
+        first = made._slots[0]
+        first.key, first.input, first.since = snapshot.key, snapshot.input, snapshot.since
+        made._keys[0] = snapshot.key
+        for event in snapshot.events:
             made.insert(event)
         return made
 
@@ -218,7 +194,7 @@ class DelayedFilter:
         return self._advance(slot, stamp)
 
     def _advance(self, slot: _Slot, stamp: float) -> tuple[Array, Array]:
-        x, P, now = slot.x, slot.P, slot.key.stamp
+        x, P, now = slot.x, slot.P, slot.at
         gains, drags = self._known
         if slot.input is not None and slot.input.u is not None and self.model is not None:
             end = min(stamp, slot.input.stamp + self.model.delay + self.settings.input_timeout)
@@ -233,45 +209,43 @@ class DelayedFilter:
         """Work out the states of the first `upto` slots."""
         for i in range(self._valid, upto):
             before, slot = self._slots[i - 1], self._slots[i]
-            x, P = self._advance(before, slot.key.stamp)
             slot.input, slot.since, slot.refused = before.input, before.since, ()
-            event = slot.event
-            if isinstance(event, Input):
-                slot.input = event
-            elif isinstance(event, Contribution):
-                if event.inflation > 1.0:
-                    P = P * event.inflation
-                i_here = turned(event.i, event.I, x, event.yaw, event.heading_bias)
-                x, P = self._kept(slot, x, P, *assimilate(x, P, i_here, event.I))
-            elif event is not None:
-                x, P = self._measure(slot, x, P, event)
-            slot.x, slot.P = x, P
+            x, P = self._advance(before, slot.key.stamp)
+            after = self._told(slot, x, P)
+            # What is refused leaves no trace, not even a prediction in two steps instead of one.
+            slot.at, slot.x, slot.P = (before.at, before.x, before.P) if after is None else after
         self._valid = max(self._valid, upto)
 
-    def _measure(self, slot: _Slot, x: Array, P: Array, event: Measurement) -> tuple[Array, Array]:
-        kept: Measurement | None = event
-        if self.settings.gate is not None:
-            verdict = judge(x, P, event, slot.since, self.settings.gate)
-            slot.since, kept = verdict.since, verdict.kept
-            slot.refused = tuple(f"{event.source}: {reason}" for reason in verdict.refused)
-            if verdict.inflation > 1.0:
-                P = P * verdict.inflation
-        if kept is None:
-            return x, P
-        residual, H = linearise(x, kept.components, kept.z)
-        return self._kept(slot, x, P, *correct(x, P, residual, H, kept.R))
-
-    @staticmethod
-    def _kept(slot: _Slot, x: Array, P: Array, x1: Array, P1: Array) -> tuple[Array, Array]:
-        """Return what came out of an event, or the state before it when nothing usable did."""
+    def _told(self, slot: _Slot, x: Array, P: Array) -> tuple[float, Array, Array] | None:
+        """Return stamp, mean and covariance after the event of a slot; None when nothing of it was used."""
+        event, at = slot.event, slot.key.stamp
+        if isinstance(event, Input):
+            slot.input = event
+            return at, x, P
+        if isinstance(event, Contribution):
+            if event.jump is not None:
+                P = P + np.outer(event.jump, event.jump)
+            i = turned(event.i, event.I, x, event.yaw, event.heading_bias)
+            x1, P1 = assimilate(x, P, i, event.I)
+        elif event is not None:
+            kept: Measurement | None = event
+            if self.settings.gate is not None:
+                verdict = judge(x, P, event, slot.since, self.settings.gate)
+                slot.since, kept = verdict.since, verdict.kept
+                slot.refused = tuple(f"{event.source}: {reason}" for reason in verdict.refused)
+                if verdict.jump is not None:
+                    P = P + np.outer(verdict.jump, verdict.jump)
+            if kept is None:
+                return None
+            x1, P1 = correct(x, P, *linearise(x, kept.components, kept.z), kept.R)
         if sound(x1, P1):
-            return x1, P1
+            return at, x1, P1
         slot.refused = (*slot.refused, f"{slot.key.source}: unusable")
-        return x, P
+        return None
 
     def _forget(self) -> None:
         """Fold what is older than the window into the state at its beginning."""
-        k = bisect_left(self._keys, _Key(self.newest - self.settings.window, -1, "", 0)) - 1
+        k = bisect_left(self._keys, Key(self.newest - self.settings.window, -1, "", 0)) - 1
         k = max(k, len(self._keys) - self.settings.most_events)
         if k <= 0:
             return

@@ -3,12 +3,15 @@
 A gate compares the innovation with what the filter expects, d^2 = r' (H P H' + R)^-1 r, with the chi-square
 quantile of its numbers. While a source's gate refuses, it widens: the limit doubles with every
 `widening_time` since the first refusal, so a filter that went astray is found again within seconds while one
-wild reading after a silence stays out. What comes in through a widened gate says that the covariance was
-too small: it is scaled by the excess, d^2 over the limit, before the measurement is used.
+wild reading after a silence stays out. What comes in through a widened gate says that the vehicle is
+elsewhere than the covariance allows, so the state may jump before the measurement is used: P + j j', with j
+along the innovation and just so long that d^2 falls to the limit. (Scaling all of P would throw the
+innovation on the rates as well: seen, a turn of 15 rad/s.)
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -19,7 +22,7 @@ from pydantic import Field
 
 from noctule.estimation.chi_square import chi_square_quantile
 from noctule.estimation.compiled import compiled, inverse_spd, times
-from noctule.estimation.filter_state import YAW
+from noctule.estimation.filter_state import YAW, heading_bias_index
 from noctule.estimation.measurements import Component, Measurement, linearise
 from noctule.geometry import Array
 from noctule.settings import Settings
@@ -41,7 +44,6 @@ _GROUPS = {
 _GROUP_OF = np.array([i for c in Component for i, g in enumerate(_GROUPS.values()) if c in g])
 _NAMES = tuple(_GROUPS)
 _MOST_DOUBLINGS = 60.0
-MOST_INFLATION = 1e6
 
 
 class GateSettings(Settings):
@@ -61,7 +63,7 @@ class Verdict:
     """What a gate says of one measurement."""
 
     kept: Measurement | None  # what may be used of it
-    inflation: float  # by which the covariance has to grow before, 1 inside of the gates
+    jump: Array | None  # (n,) j of the covariance j j' to be added before, None inside of the gates
     refused: tuple[str, ...]  # reasons: "position gate", "yaw gate", "velocity gate", "yaw unknown"
     since: Mapping[str, float]  # gate -> stamp [s] of its first refusal in a row
 
@@ -112,7 +114,7 @@ def judge(
     `since` is that of the verdict before; it is not changed.
     """
     d2, counts = surprises(x, P, measurement.components, measurement.z, measurement.R)
-    inflation, refused, after, dropped = 1.0, [], since, []
+    refused, after, dropped, jump = [], since, [], None
     for g, (name, surprise, count) in enumerate(zip(_NAMES, d2.tolist(), counts.tolist(), strict=True)):
         if not count:
             continue
@@ -124,7 +126,10 @@ def judge(
         limit = chi_square_quantile(settings.confidence, count)
         elapsed = max(0.0, measurement.stamp - after.get(key, measurement.stamp))
         if surprise <= limit * 2.0 ** min(_MOST_DOUBLINGS, elapsed / settings.widening_time):
-            inflation = min(MOST_INFLATION, max(inflation, surprise / limit))
+            if surprise > limit:
+                share = math.sqrt(1.0 / limit - 1.0 / surprise)
+                part = share * _absorbed(x, measurement, _GROUP_OF[measurement.components] == g)
+                jump = part if jump is None else jump + part
             if key in after:
                 after = {k: v for k, v in after.items() if k != key}
         else:
@@ -133,6 +138,29 @@ def judge(
             if key not in after:
                 after = {**after, key: measurement.stamp}
     if not dropped:
-        return Verdict(measurement, inflation, (), after)
+        return Verdict(measurement, jump, (), after)
     keep = ~np.isin(_GROUP_OF[measurement.components], dropped)
-    return Verdict(measurement.part(keep) if keep.any() else None, inflation, tuple(refused), after)
+    return Verdict(measurement.part(keep) if keep.any() else None, jump, tuple(refused), after)
+
+
+def _absorbed(x: Array, measurement: Measurement, rows: NDArray[np.bool_]) -> Array:
+    """Return the change of state (n,) that takes up the innovations of `rows`.
+
+    Positions and yaw move themselves, velocities turn into the world, an onboard heading moves its bias.
+    """
+    residual, _ = linearise(x, measurement.components, measurement.z)
+    change = np.zeros(x.size)
+    bias = heading_bias_index(x.size)
+    c, s = math.cos(x[YAW]), math.sin(x[YAW])
+    for component, r in zip(measurement.components[rows], residual[rows], strict=True):
+        if component <= Component.YAW:
+            change[component] = r
+        elif component == Component.FORWARD:
+            change[4:6] += r * c, r * s
+        elif component == Component.LEFT:
+            change[4:6] += -r * s, r * c
+        elif component == Component.UP:
+            change[6] = r
+        else:
+            change[bias if bias >= 0 else YAW] = r
+    return change

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from noctule.estimation.compiled import compiled, inverse_spd, times
+from noctule.estimation.compiled import cholesky, compiled, inverse_spd, times
 from noctule.estimation.filter_state import YAW, StateEstimate, heading_bias_index
 from noctule.estimation.kalman_filter import predict
 from noctule.geometry import Array
@@ -95,9 +95,42 @@ def contribution(x: Array, residual: Array, H: Array, R: Array) -> tuple[Array, 
 def assimilate(x: Array, P: Array, i: Array, I: Array) -> tuple[Array, Array]:  # noqa: E741
     """Return mean (n,) and covariance (n, n) after the sums of contributions `i` (n,) and `I` (n, n).
 
-    Y += I and y += i, written for the mean: x += (Y + I)^-1 (i - I x), which loses no digits to a large x.
+    Y += I and y += i, written without the inverse of P: with P = L L' the new covariance is
+    L (1 + L' I L)^-1 L', where nothing is near singular however unequal the variances are, and the mean
+    moves by that times i - I x, which loses no digits to a large x.
     """
-    P1 = inverse_spd(inverse_spd(P) + I)
+    n = x.size
+    L = cholesky(P)
+    IL = np.zeros((n, n))
+    for a in range(n):
+        for k in range(n):
+            f = I[a, k]
+            if f != 0.0:  # most measurements say nothing of most of the state
+                for b in range(k + 1):
+                    IL[a, b] += f * L[k, b]
+    M = np.eye(n)
+    for a in range(n):
+        for b in range(a + 1):
+            for k in range(a, n):
+                M[a, b] += L[k, a] * IL[k, b]
+    C = cholesky(M)
+    if np.isnan(L[0, 0]) or np.isnan(C[0, 0]):
+        return np.full(n, np.nan), np.full((n, n), np.nan)
+    T = np.zeros((n, n))  # T C' = L, so that P1 = T T'
+    for a in range(n):
+        for b in range(n):
+            t = L[a, b]
+            for k in range(b):
+                t -= T[a, k] * C[b, k]
+            T[a, b] = t / C[b, b]
+    P1 = np.empty((n, n))
+    for a in range(n):
+        for b in range(a + 1):
+            t = 0.0
+            for k in range(n):
+                t += T[a, k] * T[b, k]
+            P1[a, b] = t
+            P1[b, a] = t
     return x + times(P1, i - times(I, x)), P1
 
 

@@ -6,7 +6,7 @@ where its stamp belongs: (36) to (44) of "Indoor low-cost localization system" a
 `information_filter`. Contributions are shared, never estimates: an estimate holds what others already have.
 
 Who gates: the node that measured, once, against all that it knows. What it lets in is shared and added by
-everyone as it is, with the inflation of a gate that had widened; what it refuses nobody hears of. A receiver
+everyone as it is, with the jump of a gate that had widened; what it refuses nobody hears of. A receiver
 that gated again would drop what others keep, and the nodes would no longer agree even with every message
 delivered. A node is trusted to be honest, not to be alive: late, doubled and missing messages do no harm.
 """
@@ -16,12 +16,14 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 
 import numpy as np
 from pydantic import Field
 
 from noctule.estimation.contributions import Contribution, contribution_of
-from noctule.estimation.delayed import DEFAULTS, DelayedFilter, FilterSettings, Input
+from noctule.estimation.delayed import DEFAULTS, DelayedFilter, FilterSettings
+from noctule.estimation.events import Input
 from noctule.estimation.filter_state import FilterError, StateEstimate
 from noctule.estimation.gating import judge
 from noctule.estimation.measurements import Measurement
@@ -52,13 +54,13 @@ class Node:
         prior = self.filter.before(measurement)
         gate = self.filter.settings.gate
         kept: Measurement | None = measurement
-        inflation, since = 1.0, self._since
+        jump, since = None, self._since
         refused: tuple[str, ...] = ()
         if gate is not None:
             verdict = judge(prior.x, prior.P, measurement, since, gate)
-            kept, inflation = verdict.kept, verdict.inflation
+            kept, jump = verdict.kept, verdict.jump
             refused, since = verdict.refused, verdict.since
-        shared = contribution_of(prior.x, kept, inflation) if kept is not None else None
+        shared = contribution_of(prior.x, kept, jump) if kept is not None else None
         if shared is not None and not self.filter.insert(shared, now):
             return None
         self._since = since
@@ -92,6 +94,9 @@ class LinkSettings(Settings):
 PERFECT = LinkSettings()
 
 
+_COMMANDER = "commander"  # where commands come from; no node
+
+
 class Link:
     """A way from one node to another that loses, delays and doubles; the same seed, the same fate."""
 
@@ -111,11 +116,12 @@ class Link:
             heapq.heappush(self._on_the_way, (now + float(late), self._sent, message))
             self._sent += 1
 
-    def due(self, now: float) -> list[Contribution | Input]:
-        """Return what has arrived by `now` [s], in the order of arrival, and forget it."""
+    def due(self, now: float) -> list[tuple[float, Contribution | Input]]:
+        """Return what has arrived by `now` [s] and when, in the order of arrival, and forget it."""
         arrived = []
         while self._on_the_way and self._on_the_way[0][0] <= now:
-            arrived.append(heapq.heappop(self._on_the_way)[2])
+            at, _, message = heapq.heappop(self._on_the_way)
+            arrived.append((at, message))
         return arrived
 
 
@@ -130,9 +136,12 @@ class Network:
             raise FilterError(
                 f"network of nodes {[node.name for node in nodes]}; expected at least one, each name once"
             )
-        pairs = [(a, b) for a in self.nodes for b in self.nodes if a != b]
+        pairs = [(a, b) for b in self.nodes for a in self.nodes if a != b]
         seeds = np.random.SeedSequence(seed).spawn(len(pairs))
         self._links = {pair: Link(links, s) for pair, s in zip(pairs, seeds, strict=True)}
+        # Senders repeat commands until they are through, so none is lost; a frozen node hears them late too.
+        lossless = np.random.SeedSequence(0)
+        self._links |= {(_COMMANDER, name): Link(PERFECT, lossless) for name in self.nodes}
 
     def measure(self, name: str, measurement: Measurement, now: float) -> Contribution | None:
         """Hand a node its sensor's measurement at `now` [s]; what it shares goes on its way."""
@@ -144,13 +153,15 @@ class Network:
         return shared
 
     def command(self, sent: Input, now: float) -> None:
-        """Tell every node a command; senders repeat them, so no link is assumed to lose one."""
-        for node in self.nodes.values():
-            node.receive(sent, now)
+        """Tell every node at `now` [s] a command that was sent to the vehicle."""
+        for name in self.nodes:
+            self._links[_COMMANDER, name].send(sent, now)
 
     def deliver(self, now: float, frozen: frozenset[str] = frozenset()) -> None:
-        """Hand out what has arrived by `now` [s]; what is for `frozen` nodes waits for them."""
-        for (_, to), link in self._links.items():
-            if to not in frozen:
-                for message in link.due(now):
-                    self.nodes[to].receive(message, now)
+        """Hand out what has arrived by `now` [s], first come first; what is for `frozen` nodes waits."""
+        for name, node in self.nodes.items():
+            if name in frozen:
+                continue
+            arrived = [pair for (_, to), link in self._links.items() if to == name for pair in link.due(now)]
+            for at, message in sorted(arrived, key=itemgetter(0)):
+                node.receive(message, at)

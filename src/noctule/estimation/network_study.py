@@ -13,7 +13,8 @@ import numpy as np
 
 from noctule.estimation.chi_square import nees, nees_band
 from noctule.estimation.compiled import cholesky
-from noctule.estimation.delayed import FilterSettings, Input
+from noctule.estimation.delayed import FilterSettings
+from noctule.estimation.events import Input
 from noctule.estimation.filter_state import YAW, Prior, StateEstimate, start_at
 from noctule.estimation.kalman_filter import correct, predict
 from noctule.estimation.measurements import Component, Measurement, linearise
@@ -118,6 +119,7 @@ def difference_to_central(steps: int, seed: int = 0, size: int = 11) -> float:
         x, P = predict(x, P, z.stamp - now, u, gains, drags, densities)
         now = z.stamp
         x, P = correct(x, P, *linearise(x, z.components, z.z), z.R)
+        network.deliver(now)
         network.measure(z.source, z, now)
         network.deliver(now)
         for node in network.nodes.values():
