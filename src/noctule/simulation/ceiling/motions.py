@@ -14,7 +14,8 @@ from noctule.simulation.ceiling.shapes import Triple
 from noctule.simulation.ceiling.things import ThingKind, ThingPose
 
 _POINTS = 721  # of an ellipse's table of arc lengths
-_REACH = 20.0  # [m], a walker is not looked for beyond
+_REACH = 20.0  # [m], from where a walker comes nearer
+_TRIES, _EXACT = 200, 1e-4  # [m]
 
 
 class Motion(Protocol):
@@ -96,17 +97,14 @@ def walk_past(path: Array, distance: float, walker: Walker, bearing: float = 0.0
         x, y = (middle + offset * toward).tolist()
         return replace(walker, centre=(x, y), turn=bearing + math.pi / 2.0)
 
-    # From far away inward: the first place that is as near as wanted is the one beside the path.
-    near, far = 0.0, _REACH
-    for offset in np.arange(_REACH, 0.0, -0.05):
-        if gap(beside(float(offset)).edge(), flat) < distance:
-            near = float(offset)
+    # From far away inward, never by more than is left: so it stops at the first place that is as near.
+    offset = _REACH
+    for _ in range(_TRIES):
+        left = gap(beside(offset).edge(), flat) - distance
+        if left < _EXACT:
             break
-        far = float(offset)
-    for _ in range(30):
-        between = (near + far) / 2.0
-        near, far = (between, far) if gap(beside(between).edge(), flat) < distance else (near, between)
-    return beside(far)
+        offset -= left
+    return beside(offset)
 
 
 def gap(a: Array, b: Array) -> float:
