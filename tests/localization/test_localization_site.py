@@ -33,7 +33,7 @@ from noctule.vision.depth.background import Background
 
 SMALL = FixedCamera(PinholeCamera.centred(16, 16, 20.0), np.eye(3), np.array([0.0, 0.0, 3.0]))
 LEARN = "learn the empty room with `noctule calibrate background`"
-CALIBRATE = "calibrate the camera again with `noctule calibrate camera`"
+CALIBRATE = "calibrate the camera with `noctule calibrate camera`"
 
 
 def background() -> Background:

@@ -10,8 +10,17 @@ from collections.abc import Callable, Sequence
 from cyclopts import App, CycloptsError
 
 from noctule import __version__
+from noctule.cli.calibrate_camera import calibrate_camera
 from noctule.cli.commands import doctor, experiment, fly, missions, report
 from noctule.cli.complaints import complaint
+from noctule.cli.locate_commands import (
+    calibrate_background,
+    calibrate_detector,
+    calibrate_offset,
+    calibrate_record,
+    calibrate_template,
+    locate,
+)
 from noctule.cli.path_commands import path_check, path_show, teach
 from noctule.errors import NoctuleError
 
@@ -24,10 +33,23 @@ _EXAMPLES: dict[Callable[..., int], str] = {
     report: "noctule report flights/try --out flights/try/report",
     doctor: "noctule doctor --json",
     teach: "noctule teach --video walk.mp4 --focal 510 --out paths/walk",
+    locate: "noctule locate --simulated --person --site sites/lab",
 }
 _PATH_EXAMPLES: dict[str, tuple[Callable[..., int], str]] = {
     "show": (path_show, "noctule path show paths/walk"),
     "check": (path_check, "noctule path check paths/walk --mission two-columns"),
+}
+
+_CALIBRATE_EXAMPLES: dict[str, tuple[Callable[..., int], str]] = {
+    "camera": (calibrate_camera, "noctule calibrate camera pictures/ --extrinsics floor.png --out sites/lab"),
+    "background": (calibrate_background, "noctule calibrate background --simulated --out sites/lab"),
+    "detector": (calibrate_detector, "noctule calibrate detector --simulated --site sites/lab"),
+    "template": (calibrate_template, "noctule calibrate template --simulated --site sites/lab"),
+    "offset": (
+        calibrate_offset,
+        "noctule calibrate offset --simulated --site sites/lab --height 0.06 --at 0,0",
+    ),
+    "record": (calibrate_record, "noctule calibrate record --simulated --flight path --out path.mcap"),
 }
 
 
@@ -43,11 +65,21 @@ def build() -> App:
     )
     for command, example in _EXAMPLES.items():
         app.command(command, help_epilogue=f"Example: {example}")
-    paths = App(name="path", help="Look at a taught path, and judge whether it can be repeated.")
-    for name, (command, example) in _PATH_EXAMPLES.items():
-        paths.command(command, name=name, help_epilogue=f"Example: {example}")
-    app.command(paths)
+    _add_group(app, "path", "Look at a taught path, and judge whether it can be repeated.", _PATH_EXAMPLES)
+    _add_group(
+        app,
+        "calibrate",
+        "Teach a depth camera of the room what it needs to locate the drone.",
+        _CALIBRATE_EXAMPLES,
+    )
     return app
+
+
+def _add_group(app: App, name: str, text: str, commands: dict[str, tuple[Callable[..., int], str]]) -> None:
+    group = App(name=name, help=text)
+    for command_name, (command, example) in commands.items():
+        group.command(command, name=command_name, help_epilogue=f"Example: {example}")
+    app.command(group)
 
 
 def run(tokens: Sequence[str]) -> int:

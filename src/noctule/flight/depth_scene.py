@@ -22,12 +22,13 @@ from noctule.simulation.ceiling import (
     walk_past,
 )
 
-Flight = Literal["none", "manual", "path"]
-"""What flies: nothing, a person's drone all over the room, or a drone along the paper's ellipse."""
+Flight = Literal["none", "manual", "path", "floor"]
+"""What flies: nothing, a drone by hand all over the room, one along the paper's ellipse; or it stands."""
 
 _SPEED = 0.3  # [m/s], along the path
 _PASSES = 0.6  # [m], as near as the person comes to the path
-_STREAMS: dict[Flight, int] = {"none": 0, "manual": 1, "path": 2}
+_STREAMS: dict[Flight, int] = {"none": 0, "manual": 1, "path": 2, "floor": 3}
+FLOOR_HEIGHT = 0.06  # [m], of the origin of a drone that stands on its feet
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,9 @@ class Scene:
         stamps = [k / rate for k in range(math.floor(self.seconds * rate + 1e-9))]
         if self.flight == "none":
             return [(stamp, None) for stamp in stamps]
+        if self.flight == "floor":
+            standing = Pose(np.array([0.0, 0.0, FLOOR_HEIGHT]), 0.3)
+            return [(stamp, standing) for stamp in stamps]
         angles, lengths = _ellipse_lengths()
         return [(t, _on_ellipse(float(np.interp(_SPEED * t % lengths[-1], lengths, angles)))) for t in stamps]
 

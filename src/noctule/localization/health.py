@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.camera import PinholeCamera
+from noctule.errors import NoctuleError
 from noctule.messages import DepthFrame
 from noctule.vision.depth.background import Background, fits
 
@@ -22,6 +25,11 @@ _NEAR = 1.5  # a usual depth within this factor of the room's in another unit is
 _LOOK_EVERY = 0.5  # [s], how often the camera is looked after
 
 MOVED = "moved camera"
+MOST_UNUSABLE = 0.2  # of the frames that something is learned from
+
+
+class UnusableFramesError(NoctuleError):
+    """Frames that nothing can be learned from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +148,36 @@ class FrameHealth:
             self._looked = frame.stamp
             self._moved = check_camera(frame, self._background)
         return self._moved
+
+
+class Sieve:
+    """Lets the sound frames of a stream through, and counts the others by the names of their reasons."""
+
+    def __init__(self, check: Callable[[DepthFrame], str]) -> None:
+        self._check = check
+        self.seen = 0
+        self.reasons: Counter[str] = Counter()
+        self._first: dict[str, str] = {}  # a whole reason of each name
+
+    def through(self, frames: Iterable[DepthFrame]) -> Iterator[DepthFrame]:
+        """Yield the sound frames."""
+        for frame in frames:
+            self.seen += 1
+            reason = self._check(frame)
+            if not reason:
+                yield frame
+                continue
+            self.reasons[name_of(reason)] += 1
+            self._first.setdefault(name_of(reason), reason)
+
+    def require_sound(self, source: str) -> None:
+        """Raise UnusableFramesError when a fifth or more of the frames that were seen could not be used."""
+        bad = self.reasons.total()
+        if bad and bad >= MOST_UNUSABLE * self.seen:
+            name, _ = self.reasons.most_common(1)[0]
+            raise UnusableFramesError(
+                f"{source}: {bad} of {self.seen} frames cannot be used: {self._first[name]}"
+            )
 
 
 def name_of(reason: str) -> str:

@@ -10,6 +10,7 @@ camera.toml comes first; the others are learned with that camera, and refused wh
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -19,11 +20,14 @@ from pydantic import Field, model_validator
 
 from noctule.camera import CEILING_CAMERA, FixedCamera, PinholeCamera
 from noctule.geometry import Array
-from noctule.localization.calibration.lens import Lens
+from noctule.localization.calibration.lens import Lens, straightener
+from noctule.localization.detector_file import Detectors, load_detectors
 from noctule.localization.site_files import (
     FORMAT,
-    SiteCameraError,
+    PINHOLE,
     SiteFileError,
+    check_made_by,
+    intrinsics_of,
     read_arrays,
     read_toml,
     save_arrays,
@@ -32,12 +36,12 @@ from noctule.localization.site_files import (
     write_whole,
 )
 from noctule.localization.template import Template, TemplateError
+from noctule.messages import DepthFrame
 from noctule.settings import Settings
 from noctule.vision.depth.background import Background
 
-CAMERA, BACKGROUND, TEMPLATE, DETECTOR = "camera.toml", "background.npz", "template.npz", "detector.toml"
-_SAME_CAMERA = 0.1  # [px]
-_CALIBRATE = "calibrate the camera again with `noctule calibrate camera`"
+CAMERA, BACKGROUND, TEMPLATE = "camera.toml", "background.npz", "template.npz"
+_CALIBRATE = "calibrate the camera with `noctule calibrate camera`"
 _LEARN_ROOM = "learn the empty room with `noctule calibrate background`"
 _LEARN_VIEW = "learn the drone's top view with `noctule calibrate template`"
 _HEADER = """\
@@ -45,7 +49,6 @@ _HEADER = """\
 # R_world_camera takes camera axes (right, down, forward) to the world. lens: OpenCV's k1, k2, p1, p2.
 # offset: what is measured minus what is true, subtracted from every position.
 """
-_PINHOLE = ("width", "height", "fx", "fy", "cx", "cy")
 
 Finite = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Three = tuple[Finite, Finite, Finite]
@@ -91,7 +94,7 @@ def save_camera(folder: Path, camera: SiteCamera) -> None:
     fixed = camera.camera
     values = {
         "format": FORMAT,
-        **{name: getattr(fixed.intrinsics, name) for name in _PINHOLE},
+        **{name: getattr(fixed.intrinsics, name) for name in PINHOLE},
         "R_world_camera": np.asarray(fixed.R_world_camera).tolist(),
         "t_world_camera": np.asarray(fixed.t_world_camera).tolist(),
         "lens": camera.lens.coefficients.tolist(),
@@ -108,26 +111,12 @@ def load_camera(folder: Path) -> SiteCamera:
     return SiteCamera(fixed, Lens(*file.lens), np.array(file.offset))
 
 
-def _intrinsics(camera: FixedCamera) -> Array:
-    return np.array([float(getattr(camera.intrinsics, name)) for name in _PINHOLE])
-
-
-def check_made_by(path: Path, made_by: Array, camera: FixedCamera, remedy: str) -> None:
-    """Raise SiteCameraError unless the intrinsics (6,) of the camera that made a file are the site's."""
-    for name, made, own in zip(_PINHOLE, made_by, _intrinsics(camera), strict=True):
-        if abs(made - own) > _SAME_CAMERA:
-            raise SiteCameraError(
-                f"site file {path}: it was made with a camera of {name} {made:g} px, camera.toml says "
-                f"{own:g}; {remedy}, or put the camera back"
-            )
-
-
 def save_background(folder: Path, background: Background, camera: FixedCamera) -> None:
     """Write background.npz, which only this camera may use; raises SiteFileError."""
     save_arrays(
         folder / BACKGROUND,
         {
-            "camera": _intrinsics(camera),
+            "camera": intrinsics_of(camera),
             "mean": background.mean,
             "deviation": background.deviation,
             "count": background.count,
@@ -169,3 +158,36 @@ def load_template(folder: Path) -> Template:
         return Template.from_arrays(read_arrays(path, _LEARN_VIEW))
     except TemplateError as error:
         raise SiteFileError(f"site file {path}: {str(error).rsplit(';', 1)[0]}; {_LEARN_VIEW}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """All that is needed to locate the drone."""
+
+    camera: SiteCamera
+    background: Background
+    detectors: Detectors
+    template: Template
+
+
+def load_site(folder: Path) -> Site:
+    """Read a whole site; raises SiteFileError, SiteFormatError, SiteCameraError, one file after the other."""
+    camera = load_camera(folder)
+    background = load_background(folder, camera.camera)
+    return Site(camera, background, load_detectors(folder, camera.camera), load_template(folder))
+
+
+def straightened(frames: Iterable[DepthFrame], camera: SiteCamera) -> Iterator[DepthFrame]:
+    """Yield the frames without the lens' distortion.
+
+    A frame that is no depth image of this camera is left as it is, for `health` to name.
+    """
+    if not camera.lens.coefficients.any():
+        yield from frames
+        return
+    intrinsics = camera.camera.intrinsics
+    shape = (intrinsics.height, intrinsics.width)
+    straight = straightener(intrinsics, camera.lens)
+    for frame in frames:
+        sound = frame.depth.dtype == np.uint16 and frame.depth.shape == shape
+        yield straight.frame(frame) if sound else frame

@@ -17,10 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from noctule.camera import FixedCamera
 from noctule.errors import NoctuleError
+from noctule.geometry import Array
 from noctule.settings import Settings
 
 FORMAT = 1
+PINHOLE = ("width", "height", "fx", "fy", "cx", "cy")
+_SAME_CAMERA = 0.1  # [px]
 Group = TypeVar("Group", bound=Settings)
 
 
@@ -149,3 +153,18 @@ def take(
 
 def _shape(shape: tuple[int, ...]) -> str:
     return "x".join(map(str, shape)) if shape else "one value"
+
+
+def intrinsics_of(camera: FixedCamera) -> Array:
+    """Return width, height, fx, fy, cx, cy [px] of a camera, (6,)."""
+    return np.array([float(getattr(camera.intrinsics, name)) for name in PINHOLE])
+
+
+def check_made_by(path: Path, made_by: Array, camera: FixedCamera, remedy: str) -> None:
+    """Raise SiteCameraError unless the intrinsics (6,) of the camera that made a file are the site's."""
+    for name, made, own in zip(PINHOLE, made_by, intrinsics_of(camera), strict=True):
+        if abs(made - own) > _SAME_CAMERA:
+            raise SiteCameraError(
+                f"site file {path}: it was made with a camera of {name} {made:g} px, camera.toml says "
+                f"{own:g}; {remedy}, or put the camera back"
+            )

@@ -1,0 +1,141 @@
+"""The subcommands of the depth camera in the room: their options and help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from noctule.cli.depth_options import NONE, SourceOptions
+from noctule.cli.options import Flag
+
+Flown = Literal["none", "manual", "path", "floor"]
+
+
+def calibrate_background(*, source: SourceOptions = NONE, out: Path, json: Flag = False) -> int:
+    """Learn the empty room, ten seconds of it; refused when something moved.
+
+    Parameters
+    ----------
+    out
+        The folder of the site, whose camera was calibrated. With --simulated the camera is known.
+    json
+        End standard output with one JSON object.
+    """
+    from noctule.cli.calibrating import learn_room
+
+    return learn_room(source, out, json)
+
+
+def calibrate_detector(
+    *, source: SourceOptions = NONE, site: Path, out: Path | None = None, json: Flag = False
+) -> int:
+    """Learn what the drone's blob looks like, from a flight by hand over all the room and all its heights.
+
+    Parameters
+    ----------
+    site
+        The folder of the site, with its camera and background.
+    out
+        Write detector.toml and its figure into this folder; left out, the site.
+    json
+        End standard output with one JSON object.
+    """
+    from noctule.cli.calibrating import learn_detectors
+
+    return learn_detectors(source, site, out, json)
+
+
+def calibrate_template(
+    *, source: SourceOptions = NONE, site: Path, out: Path | None = None, json: Flag = False
+) -> int:
+    """Learn the drone's top view, from a flight by hand that turns through all headings.
+
+    Parameters
+    ----------
+    site
+        The folder of the site, with its camera, background and detector.
+    out
+        Write template.npz and its figure into this folder; left out, the site.
+    json
+        End standard output with one JSON object.
+    """
+    from noctule.cli.calibrating import learn_top_view
+
+    return learn_top_view(source, site, out, json)
+
+
+def calibrate_offset(
+    *,
+    source: SourceOptions = NONE,
+    site: Path,
+    height: float,
+    at: str | None = None,
+    out: Path | None = None,
+    json: Flag = False,
+) -> int:
+    """Find the constant error of positions, from a drone that stands on the floor with its motors off.
+
+    Parameters
+    ----------
+    site
+        The folder of the whole site.
+    height
+        How high the middle of the drone's hull is above the floor as it stands there [m].
+    at
+        Where it stands, as x,y [m]; left out, only the altitude is corrected.
+    out
+        Write camera.toml with the offset into this folder; left out, the site.
+    json
+        End standard output with one JSON object.
+    """
+    from noctule.cli.calibrating_offset import find_offset
+
+    return find_offset(source, site, height, at, out, json)
+
+
+def calibrate_record(
+    *, source: SourceOptions = NONE, out: Path, flight: Flown = "manual", json: Flag = False
+) -> int:
+    """Record depth frames without loss, to calibrate from them or to locate the drone in them later.
+
+    Parameters
+    ----------
+    out
+        The recording (.mcap), a new file.
+    flight
+        With --simulated: what is flown. none: the room is empty. manual: by hand all over the room.
+        path: along an ellipse. floor: the drone stands on the floor.
+    json
+        End standard output with one JSON object.
+    """
+    from noctule.cli.recording_depth import record_depth
+
+    return record_depth(source, out, flight, json)
+
+
+def locate(
+    *,
+    source: SourceOptions = NONE,
+    site: Path,
+    frames: Flag = False,
+    out: Path | None = None,
+    json: Flag = False,
+) -> int:
+    """Tell and record where the drone is, from any depth camera: position, heading, score, or the reason.
+
+    Exit code 0 if and only if the drone was seen in at least one frame.
+
+    Parameters
+    ----------
+    site
+        The folder of the site, see `noctule calibrate`.
+    frames
+        Record the depth frames too.
+    out
+        The folder for located.mcap and located.csv; left out, a new one under flights/.
+    json
+        End standard output with one JSON object.
+    """
+    from noctule.cli.locating import locate_drone
+
+    return locate_drone(source, site, frames, out, json)
