@@ -53,8 +53,8 @@ def axis_difference(a, b):
 @given(st.floats(20, 100), st.floats(0.3, 0.8), ANGLES)
 def test_a_filled_ellipse_gets_its_own_axes_and_angle_back(a, ratio, theta):
     found = ellipse(blob_of(disc(a, ratio * a, theta)))
-    assert found.a == pytest.approx(a, rel=0.01)
-    assert found.b == pytest.approx(ratio * a, rel=0.015)
+    assert found.a == pytest.approx(a, abs=0.3)
+    assert found.b == pytest.approx(ratio * a, abs=0.3)
     assert axis_difference(found.theta, theta) < np.radians(1.5)
 
 

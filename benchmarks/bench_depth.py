@@ -1,0 +1,145 @@
+"""Time of a depth frame on one core: from the frame to its blobs, beside the floor and plain OpenCV.
+
+Run: python benchmarks/bench_depth.py [FRAMES]   (default 200 different frames, each timed once)
+
+The frames are 640 x 480, of a drone alone and of a drone with a person, a box and a tray. The floor reads the
+frame, compares it with the background's thresholds, and counts; nothing can do with less. Rows are the
+milliseconds of one frame; the passes take turns, so that they see the same machine.
+"""
+
+import os
+
+os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+
+import sys
+import time
+
+import cv2
+import numpy as np
+from numba import njit
+
+from noctule.geometry import Pose
+from noctule.simulation.ceiling import CeilingSpec, DepthStage, ThingPose
+from noctule.vision.depth import (
+    BlobFinder,
+    ellipse,
+    find_blobs,
+    fits,
+    hu_moments,
+    learn_background,
+    shape_distance,
+)
+from noctule.vision.depth.blobs import MIN_AREA
+
+RATE = 30.0  # [Hz]
+
+
+@njit(cache=True)
+def count_foreground(depth, nearest):
+    """Return how many pixels are foreground: one pass that reads and compares."""
+    n = 0
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            n += (depth[v, u] > 0) & (depth[v, u] < nearest[v, u])
+    return n
+
+
+def plain_opencv(depth, background):
+    """Do what `find_blobs` does with OpenCV and numpy alone; return the blobs' moments and mean points."""
+    near = cv2.compare(depth, background.nearest, cv2.CMP_LT)
+    mask = cv2.bitwise_and(near, cv2.compare(depth, 0, cv2.CMP_GT))
+    n, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    found = []
+    for k in range(1, n):
+        left, top, width, height, area = stats[k]
+        if area < MIN_AREA:
+            continue
+        window = np.s_[top : top + height, left : left + width]
+        piece = labels[window] == k
+        moments = cv2.moments(piece.view(np.uint8), binaryImage=True)
+        v, u = np.nonzero(piece)
+        z = depth[window][v, u].astype(np.float64)
+        found.append((moments, ((u + left) @ z / area, (v + top) @ z / area, z.mean())))
+    return found
+
+
+def hu_path(depth, background, pattern):
+    """Return the distance of every component's Hu moments to a pattern, with OpenCV as published."""
+    return [
+        shape_distance(pattern, cv2.HuMoments(moments).ravel())
+        for moments, _ in plain_opencv(depth, background)
+    ]
+
+
+def hu_of_blobs(finder, depth, pattern):
+    """Return the same distances, of the blobs of the compiled pass."""
+    return [shape_distance(pattern, hu_moments(blob)) for blob in finder.find(depth)[1]]
+
+
+def scenes(stage, n, crowded):
+    """Yield n depth images of a drone that circles, alone or among a person, a box and a tray."""
+    for k in range(n):
+        a = 2.0 * np.pi * k / n
+        pose = Pose(np.array([0.08 + 0.5 * np.cos(a), 0.1 + 0.8 * np.sin(a), 1.2 + 0.3 * np.sin(3 * a)]), a)
+        things = [
+            ThingPose("person", 0.9 * np.cos(a + 2.0), 1.2 * np.sin(a + 2.0), a, walked=0.05 * k),
+            ThingPose("box", -0.8, -0.6),
+            ThingPose("tray", 0.9 * np.cos(a + 4.0), np.sin(a + 4.0), a, z=1.0),
+        ]
+        yield stage.frame(1000.0 + k / RATE, pose, things if crowded else ()).depth
+
+
+def measure(passes, frames):
+    """Return the milliseconds of each pass on each frame, (passes, frames)."""
+    for run in passes.values():
+        run(frames[0])
+    taken = np.empty((len(passes), len(frames)))
+    for i, depth in enumerate(frames):
+        for j, run in enumerate(passes.values()):
+            started = time.perf_counter()
+            run(depth)
+            taken[j, i] = 1e3 * (time.perf_counter() - started)
+    return taken
+
+
+def passes_over(background, camera, pattern):
+    """Return what is timed, by name."""
+    finder = BlobFinder(background, camera)
+    return {
+        "floor: read, compare, count": lambda d: count_foreground(d, background.nearest),
+        "blobs, one compiled pass": lambda d: finder.find(d),
+        "  in fresh memory": lambda d: find_blobs(d, background, camera),
+        "  and their ellipses": lambda d: [ellipse(b) for b in finder.find(d)[1]],
+        "  and their Hu moments, matched": lambda d: hu_of_blobs(finder, d, pattern),
+        "plain OpenCV": lambda d: plain_opencv(d, background),
+        "  and Hu moments, matched": lambda d: hu_path(d, background, pattern),
+        "does the background still fit": lambda d: fits(background, d),
+    }
+
+
+def main():
+    """Learn the empty room, then print a table for each scene."""
+    cv2.setNumThreads(1)
+    n = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    for hull in (False, True):
+        stage = DepthStage(CeilingSpec(hull=hull), 0)
+        camera = stage.camera.intrinsics
+        empty = [stage.frame(k / RATE, None).depth for k in range(60)]
+        started = time.perf_counter()
+        background = learn_background(empty)
+        learning = 1e3 * (time.perf_counter() - started) / len(empty)
+        alone = next(scenes(stage, n, crowded=False))
+        pattern = hu_moments(max(find_blobs(alone, background, camera)[1], key=lambda blob: blob.area))
+        passes = passes_over(background, camera, pattern)
+        for crowded in (False, True):
+            taken = measure(passes, list(scenes(stage, n, crowded)))
+            print(f"drone {'with' if hull else 'without'} hull, {'among others' if crowded else 'alone'}")
+            print(f"{'[ms]':40s} {'median':>8s} {'p95':>8s} {'least':>8s}   frames")
+            for name, times in zip(passes, taken, strict=True):
+                median, p95 = np.percentile(times, [50, 95])
+                print(f"{name:40s} {median:8.3f} {p95:8.3f} {times.min():8.3f}   {len(times)}")
+        print(f"learning the background: {learning:.1f} ms a frame\n")
+
+
+if __name__ == "__main__":
+    main()
