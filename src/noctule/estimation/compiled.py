@@ -82,3 +82,20 @@ def times(A: Array, v: Array) -> Array:
         for j in range(n):
             product[i] += A[i, j] * v[j]
     return product
+
+
+@compiled
+def refuse_unsound(x: Array, P: Array) -> tuple[Array, Array]:
+    """Return mean and covariance; NaN throughout unless all is finite and every variance positive.
+
+    So callers outside of compiled code need to look at one number only.
+    """
+    sound = True
+    for i in range(x.size):
+        sound = sound and np.isfinite(x[i]) and P[i, i] > 0.0
+        for j in range(x.size):
+            sound = sound and np.isfinite(P[i, j])
+    if not sound:
+        x[:] = np.nan
+        P[:] = np.nan
+    return x, P

@@ -8,6 +8,7 @@ came, not on the order in which they did: it is that of a filter that was told e
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Mapping
@@ -16,7 +17,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydantic import Field
 
-from noctule.estimation.compiled import compiled
 from noctule.estimation.contributions import Contribution
 from noctule.estimation.events import Event, Input, Key, Snapshot
 from noctule.estimation.filter_state import FilterError, StateEstimate
@@ -44,18 +44,6 @@ class FilterSettings(Settings):
 
 
 DEFAULTS = FilterSettings()
-
-
-@compiled
-def sound(x: Array, P: Array) -> bool:
-    """Tell whether mean and covariance hold numbers only, and variances above 0."""
-    for i in range(x.size):
-        if not (np.isfinite(x[i]) and P[i, i] > 0.0):
-            return False
-        for j in range(x.size):
-            if not np.isfinite(P[i, j]):
-                return False
-    return True
 
 
 @dataclass(slots=True)
@@ -91,6 +79,9 @@ class DelayedFilter:
         self._slots = [_Slot(Key(start.stamp, -1, "", 0), None, start.stamp, start.x, start.P)]
         self._keys = [self._slots[0].key]
         self._valid = 1  # slots whose state is worked out
+        # The last prediction, asked for twice by a node: before it shares and when it adds its own.
+        self._advanced: tuple[Array, Input | None, float, Array, Array]
+        self._advanced = (start.x, None, start.stamp, start.x, start.P)
 
     @property
     def newest(self) -> float:
@@ -126,7 +117,7 @@ class DelayedFilter:
         otherwise make everyone else's measurements too late. Nothing is computed before an estimate is asked.
         """
         key = self.key(event)
-        if not np.isfinite(key.stamp):
+        if not math.isfinite(key.stamp):
             raise FilterError(f"event of {key.source!r} at {key.stamp} s; expected a finite stamp")
         if isinstance(event, Contribution) and event.i.size != self._slots[0].x.size:
             self.dropped["other state"] += 1
@@ -137,10 +128,12 @@ class DelayedFilter:
         if key <= self._keys[0]:
             self.dropped["too late"] += 1
             return False
-        i = bisect_left(self._keys, key)
-        if i < len(self._keys) and self._keys[i] == key:
-            self.dropped["duplicate"] += 1
-            return False
+        i = len(self._keys)
+        if key <= self._keys[-1]:  # late, or twice
+            i = bisect_left(self._keys, key)
+            if self._keys[i] == key:
+                self.dropped["duplicate"] += 1
+                return False
         first = self._slots[0]
         self._slots.insert(i, _Slot(key, event, first.at, first.x, first.P))
         self._keys.insert(i, key)
@@ -159,7 +152,7 @@ class DelayedFilter:
                 f"estimate at {at:.3f} s asked, the filter remembers from {self.oldest:.3f} s on; "
                 "ask earlier or make its window longer"
             )
-        i = bisect_right(self._keys, Key(at, 2, "", 0))
+        i = len(self._keys) if at >= self.newest else bisect_right(self._keys, Key(at, 2, "", 0))
         return StateEstimate(at, *self._at(i, at))
 
     def before(self, event: Event) -> StateEstimate:
@@ -194,6 +187,9 @@ class DelayedFilter:
         return self._advance(slot, stamp)
 
     def _advance(self, slot: _Slot, stamp: float) -> tuple[Array, Array]:
+        memory = self._advanced
+        if memory[0] is slot.x and memory[1] is slot.input and memory[2] == stamp:
+            return memory[3], memory[4]
         x, P, now = slot.x, slot.P, slot.at
         gains, drags = self._known
         if slot.input is not None and slot.input.u is not None and self.model is not None:
@@ -203,6 +199,7 @@ class DelayedFilter:
                 now = end
         if stamp > now:
             x, P = predict(x, P, stamp - now, _NOTHING, _NOTHING, _NOTHING, self._noise_without)
+        self._advanced = (slot.x, slot.input, stamp, x, P)
         return x, P
 
     def _settle(self, upto: int) -> None:
@@ -238,14 +235,17 @@ class DelayedFilter:
             if kept is None:
                 return None
             x1, P1 = correct(x, P, *linearise(x, kept.components, kept.z), kept.R)
-        if sound(x1, P1):
+        if not math.isnan(x1[0]):
             return at, x1, P1
         slot.refused = (*slot.refused, f"{slot.key.source}: unusable")
         return None
 
     def _forget(self) -> None:
         """Fold what is older than the window into the state at its beginning."""
-        k = bisect_left(self._keys, Key(self.newest - self.settings.window, -1, "", 0)) - 1
+        begins = self.newest - self.settings.window
+        if self._keys[1].stamp >= begins and len(self._keys) <= self.settings.most_events:
+            return
+        k = bisect_left(self._keys, Key(begins, -1, "", 0)) - 1
         k = max(k, len(self._keys) - self.settings.most_events)
         if k <= 0:
             return

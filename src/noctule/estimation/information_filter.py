@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from noctule.estimation.compiled import cholesky, compiled, inverse_spd, times
+from noctule.estimation.compiled import cholesky, compiled, inverse_spd, refuse_unsound, times
 from noctule.estimation.filter_state import YAW, StateEstimate, heading_bias_index
 from noctule.estimation.kalman_filter import predict
 from noctule.geometry import Array
@@ -131,7 +131,7 @@ def assimilate(x: Array, P: Array, i: Array, I: Array) -> tuple[Array, Array]:  
                 t += T[a, k] * T[b, k]
             P1[a, b] = t
             P1[b, a] = t
-    return x + times(P1, i - times(I, x)), P1
+    return refuse_unsound(x + times(P1, i - times(I, x)), P1)
 
 
 def turned(i: Array, I: Array, x: Array, yaw: float, heading_bias: float) -> Array:  # noqa: E741
@@ -140,9 +140,10 @@ def turned(i: Array, I: Array, x: Array, yaw: float, heading_bias: float) -> Arr
     `yaw` and `heading_bias` [rad] are where the contribution was linearised, as its sender counts.
     """
     b = heading_bias_index(x.size)
+    off = abs(x[YAW] - yaw), abs(x[b] - heading_bias) if b >= 0 else 0.0
+    if max(off) < math.pi:  # as good as always
+        return i
     turns = _TURN * round((float(x[YAW]) - yaw) / _TURN)
     bias_turns = _TURN * round((float(x[b]) - heading_bias) / _TURN) if b >= 0 else 0.0
-    if turns == 0.0 and bias_turns == 0.0:
-        return i
     moved = i + turns * I[:, YAW]
     return moved + bias_turns * I[:, b] if b >= 0 else moved

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from noctule.estimation.compiled import cholesky, compiled
+from noctule.estimation.compiled import cholesky, compiled, refuse_unsound
 from noctule.estimation.vehicle_model import process_covariance, transition
 from noctule.geometry import Array
 
@@ -50,7 +50,7 @@ def correct(x: Array, P: Array, residual: Array, H: Array, R: Array) -> tuple[Ar
     """Return mean (n,) and covariance (n, n) after a measurement.
 
     `residual` (m,) is z - h(x) with its angles wrapped, `H` (m, n) the Jacobian of h at x and `R` (m, m) the
-    measurement's covariance. An R that is not positive definite gives NaN throughout.
+    measurement's covariance. An R that is not positive definite, or numbers beyond use, give NaN throughout.
     """
     n, m = x.size, residual.size
     L = cholesky(R)
@@ -94,4 +94,4 @@ def correct(x: Array, P: Array, residual: Array, H: Array, R: Array) -> tuple[Ar
             for j in range(i, n):
                 P1[i, j] += -gain[i] * ph[j] - mh[i] * gain[j] + gain[i] * gain[j]
                 P1[j, i] = P1[i, j]
-    return x + dx, P1
+    return refuse_unsound(x + dx, P1)

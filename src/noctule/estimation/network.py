@@ -102,12 +102,17 @@ class Link:
 
     def __init__(self, settings: LinkSettings, seed: np.random.SeedSequence) -> None:
         self._settings = settings
+        self._perfect = settings == PERFECT
         self._rng = np.random.default_rng(seed)
         self._on_the_way: list[tuple[float, int, Contribution | Input]] = []
         self._sent = 0
 
     def send(self, message: Contribution | Input, now: float) -> None:
         """Put a message on its way at `now` [s]."""
+        if self._perfect:
+            heapq.heappush(self._on_the_way, (now, self._sent, message))
+            self._sent += 1
+            return
         # Every message draws as many numbers, so that its fate does not hang on those before it.
         fate, again, *times = self._rng.random(4).tolist()
         copies = int(fate >= self._settings.loss) * (1 + int(again < self._settings.duplicates))
