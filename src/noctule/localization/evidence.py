@@ -21,6 +21,7 @@ from noctule.vision.homography.compiled import compiled
 Map = NDArray[np.float32]
 
 BAND = 0.13  # [m], a reading this near to the body's height may be drone; from localization.md
+BELOW = 0.5  # [m], foreground between the band and this far below is neither drone nor free
 _PIXELS_PER_CELL = 1.25  # along a side at least; nearer drones are read with a stride
 
 
@@ -71,7 +72,7 @@ def gather(
         stride = max(1, int(grid.cell * k.fx / (_PIXELS_PER_CELL * distance)))
         _count(
             depth, nearest, (k.fx, k.fy, k.cx, k.cy), R_body_camera, t_body_camera,
-            (left, top, right, bottom), stride, grid.cell, grid.plane, BAND, drone, free, height,
+            (left, top, right, bottom), stride, grid.cell, grid.plane, BAND, BELOW, drone, free, height,
         )  # fmt: skip
     return Evidence(pose, grid, drone, free, height)
 
@@ -106,6 +107,7 @@ def _count(
     cell: float,
     plane: float,
     band: float,
+    below: float,
     drone: Map,
     free: Map,
     height: Map,
@@ -132,7 +134,10 @@ def _count(
             over = t[2] + d * rz - plane
             if over > band:
                 continue  # something nearer hides the cell
-            seen = reading < nearest[v, u] and over > -band
+            near = reading < nearest[v, u]
+            seen = near and over > -band
+            if near and not seen and over > -below:
+                continue  # a thing that reaches up to the body: a slice of it looks like anything
             if not seen:
                 d = (plane - t[2]) / rz
                 # Near the floor a body may be too close to the background to be told from it.

@@ -21,7 +21,7 @@ _STEEP = 0.02  # change of the probability from cell to cell that makes an edge
 _STEPS = 8  # of the refinement at most
 TILT_SD = math.radians(3.0)  # how far the tilt may be from the predicted one
 SURFACE_SD = 0.02  # [m], of one cell's height; cells err together, so this is more than their spread
-_RELIEF_SD = 0.009  # [m], of one cell's height beside its neighbours
+_RELIEF_SD = 0.006  # [m], of one cell's height beside its neighbours
 
 
 @dataclass(frozen=True, slots=True)

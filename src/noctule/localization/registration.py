@@ -41,6 +41,7 @@ class Registration:
     score: float  # sum of log-likelihood ratios
     ratio: float  # score over what the seen cells would give if the pose were right; 1 is usual
     visible: float  # share of the template that was seen, drone or free
+    misfit: float
     half_turn: float  # by how much the half turn fits worse; 1 is usual, 0 undecided, negative: it fits better
 
 
@@ -129,6 +130,7 @@ def _completed(scene: Scene, view: _View, at: Array, information: Array) -> Regi
         score,
         score / nominal if nominal > 0.0 else 0.0,
         min(seen / matcher.seen, 1.0),
+        _misfit(matcher, view, at, surface) / max(seen, 1.0),
         _half_turn(matcher, view, at, surface),
     )
 
@@ -146,15 +148,19 @@ def _surface(matcher: Matcher, view: _View, at: Array) -> tuple[Array, float]:
     return matcher.surface(view.evidence.drone, view.evidence.height, at)
 
 
+def _misfit(matcher: Matcher, view: _View, at: Array, surface: Array) -> float:
+    e = view.evidence
+    return matcher.misfit(view.share, view.trust, e.drone, e.height, at, surface)
+
+
 def _half_turn(matcher: Matcher, view: _View, at: Array, surface: Array) -> float:
     """Return by how much the half turn fits worse than `at`, over what it would if all were seen."""
     if matcher.half_turn <= 0.0:
         return 0.0
-    e = view.evidence
     turned, _ = matcher.refine(view.share, view.trust, at + np.array([0.0, 0.0, math.pi]))
     other = _surface(matcher, view, turned)[0]
-    seen = (view.share, view.trust, e.drone, e.height)
-    return (matcher.misfit(*seen, turned, other) - matcher.misfit(*seen, at, surface)) / matcher.half_turn
+    loss = _misfit(matcher, view, turned, other) - _misfit(matcher, view, at, surface)
+    return loss / matcher.half_turn
 
 
 def _moved(pose: Pose, at: Array, surface: Array) -> Pose:

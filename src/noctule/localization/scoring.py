@@ -8,9 +8,9 @@ from noctule.geometry import Array
 from noctule.localization.evidence import Map
 from noctule.vision.homography.compiled import compiled
 
-FULL = 0.5
-"""A cell covered this far by drone counts as drone. Sides turned to the camera fill the cells at their foot; below
-one half, cells on the far side fill as early, and the two biases cancel."""
+FULL = 0.3
+"""A cell covered this far by drone counts as drone. Sides turned to the camera fill the cells at their foot; well
+below one half, cells on the far side fill as early, and the two biases cancel."""
 
 
 

@@ -1,0 +1,269 @@
+"""A depth frame in, the drone's pose out: the default method, tracker and all.
+
+While it is tracked, the drone's top view is registered around where it must be: no blob, so nothing merges. To start
+and to find it again detectors propose blobs, and the registration confirms over a few frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+from pydantic import Field
+
+from noctule.camera import FixedCamera
+from noctule.geometry import Array, Pose, wrap_angle
+from noctule.localization.half_turn import Facing
+from noctule.localization.health import FrameHealth
+from noctule.localization.matcher import Matcher
+from noctule.localization.registration import Registration, Scene, acquire, register
+from noctule.localization.template import Template
+from noctule.localization.tracker import Prediction, Track, facing_as, merged
+from noctule.messages import DepthFrame, PoseMeasurement
+from noctule.settings import Settings
+from noctule.vision.depth.background import Background
+from noctule.vision.depth.blob import Blob
+from noctule.vision.depth.blobs import find_blobs
+
+_STEP = 0.04  # [m], of the search's shifts
+_MOST_STEPS = 4
+_UNKNOWN_YAW = (math.pi / 2.0) ** 2  # [rad^2], added to the variance while the half turn is undecided
+
+
+class Proposing(Protocol):
+    """The part of a detector that the locator needs."""
+
+    def propose(self, blobs: Sequence[Blob], camera: FixedCamera) -> tuple[Blob, ...]:
+        """Return the blobs that may be the drone."""
+        ...
+
+
+class LocatorSettings(Settings):
+    """When the locator believes what it sees."""
+
+    min_ratio: float = Field(
+        default=1.0 / 3.0, ge=0.0, le=1.0, description="score over nominal below which a tracked drone is lost"
+    )
+    max_misfit: float = Field(
+        default=1.0, gt=0.0, le=10.0, description="misfit per cell above which a tracked drone is lost"
+    )
+    min_visible: float = Field(
+        default=0.25, ge=0.0, le=1.0, description="share of the drone that must be seen while it is tracked"
+    )
+    start_ratio: float = Field(default=0.55, ge=0.0, le=2.0, description="score over nominal of a drone found anew")
+    start_misfit: float = Field(default=0.75, gt=0.0, le=10.0, description="misfit per cell of a drone found anew")
+    start_visible: float = Field(default=0.45, ge=0.0, le=1.0, description="share seen of a drone found anew")
+    start_frames: int = Field(default=3, ge=1, le=30, description="in a row that must agree on a drone found anew")
+    coast: float = Field(default=0.5, ge=0.0, le=5.0, description="[s], an unseen drone is looked for where it was")
+    min_area: int = Field(default=150, ge=1, le=100000, description="[px], smaller blobs are not proposed")
+
+
+class LocatorState(StrEnum):
+    """What the locator is doing."""
+
+    SEARCHING = "searching"  # it never saw the drone
+    TRACKING = "tracking"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, slots=True)
+class LocatorDiagnostics:
+    """What was thought of a frame; recorded and drawn, never flown on."""
+
+    ratio: float = math.nan  # score over nominal
+    misfit: float = math.nan  # per cell
+    visible: float = math.nan  # share of the drone
+    half_turn: float = 0.0  # sum of the evidence for the heading held
+    roll: float = 0.0  # [rad], as seen
+    pitch: float = 0.0  # [rad]
+    proposals: int = 0  # blobs that were looked at
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """What a frame says of the drone: a measurement, or why there is none."""
+
+    stamp: float  # [s], exposure
+    state: LocatorState
+    measurement: PoseMeasurement | None
+    reason: str  # empty with a measurement
+    heading_certain: bool = False  # the half turn is decided
+    slipped: bool = False  # a heading that was certain was turned around in this frame
+    diagnostics: LocatorDiagnostics = LocatorDiagnostics()
+
+
+class Locator:
+    """Finds and follows the drone. Deterministic: reads no clock, draws nothing at random, never raises in flight.
+
+    Parameters
+    ----------
+    camera : where the depth camera hangs
+    background : the room without the drone
+    template : the drone's top view
+    detector : proposes blobs to start from; None: all of a plausible size are tried
+    offset : (3,) [m], added to every position: the constant bias of this camera, from the calibration
+    """
+
+    def __init__(
+        self,
+        camera: FixedCamera,
+        background: Background,
+        template: Template,
+        detector: Proposing | None = None,
+        settings: LocatorSettings | None = None,
+        offset: Array | None = None,
+    ) -> None:
+        self.camera = camera
+        self.settings = settings or LocatorSettings()
+        self._background = background
+        self._detector = detector
+        self._matcher = Matcher.of(template)
+        self._offset = np.zeros(3) if offset is None else offset
+        self._health = FrameHealth(camera.intrinsics, background)
+        self._track: Track | None = None
+        self._candidate: tuple[Track, int] | None = None  # and the frames that agreed
+        self._seen = False
+
+    @property
+    def track(self) -> Track | None:
+        """The drone as last seen, None when it must be searched for."""
+        return self._track
+
+    def step(self, frame: DepthFrame, prediction: Prediction | None = None) -> Located:
+        """Look at a frame; `prediction` is a filter's for its exposure. Never raises for a bad frame."""
+        reason = self._health.check(frame)
+        if reason:
+            return self._without(frame.stamp, reason)
+        scene = Scene(frame.depth, self._background.nearest, self.camera, self._matcher)
+        reason, looked = "", LocatorDiagnostics()
+        if self._track is not None:
+            expected = merged(self._track, frame.stamp, prediction)
+            found = self._look(scene, expected)
+            looked = _diagnostics(found)
+            reason = self._doubt(found, expected)
+            if not reason:
+                self._candidate = None
+                return self._accept(frame.stamp, self._track.follow(frame.stamp, found), found)
+            if frame.stamp - self._track.stamp > self.settings.coast:
+                self._track = None
+        return self._search(scene, frame.stamp, reason, looked)
+
+    def _look(self, scene: Scene, expected: Prediction) -> Registration:
+        P = expected.covariance
+        wide = math.sqrt(max(P[0, 0], P[1, 1]))
+        reach = min(max(math.ceil(2.0 * wide / _STEP), 1), _MOST_STEPS)
+        return register(scene, expected.pose, reach=reach)
+
+    def _doubt(self, found: Registration, expected: Prediction) -> str:
+        """Return why what was found where the drone must be is not it, "" when it is."""
+        s = self.settings
+        if found.visible < s.min_visible:
+            return self._unseen(found)
+        if found.ratio < s.min_ratio:
+            return (
+                f"score below a third: {100.0 * found.ratio:.0f} % of what the drone would score, "
+                f"expected at least {100.0 * s.min_ratio:.0f} %"
+            )
+        if found.misfit > s.max_misfit:
+            return f"another shape: misfit {found.misfit:.2f} a cell, expected at most {s.max_misfit:.2f}"
+        jump = float(np.linalg.norm(found.pose.position - expected.pose.position))
+        far = 0.1 + 3.0 * math.sqrt(float(expected.covariance[:3, :3].trace()))
+        if jump > far:
+            return f"jump: {jump:.2f} m from where it must be, at most {far:.2f} m"
+        return ""
+
+    def _unseen(self, found: Registration) -> str:
+        k = self.camera.intrinsics
+        x = self.camera.to_camera(found.pose.position[None])
+        if x[0, 2] <= 0.0:
+            return "outside the picture: it would be above the camera"
+        u, v = k.project(x)[0]
+        if not (0.0 <= u < k.width and 0.0 <= v < k.height):
+            return f"outside the picture: it would be at ({u:.0f}, {v:.0f}) px of {k.width}x{k.height}"
+        return (
+            f"occluded: {100.0 * found.visible:.0f} % of the drone can be seen, expected at least "
+            f"{100.0 * self.settings.min_visible:.0f} %"
+        )
+
+    def _search(self, scene: Scene, stamp: float, reason: str, looked: LocatorDiagnostics) -> Located:
+        """Look at the blobs; a drone must be confirmed over a few frames before it is believed."""
+        _, blobs = find_blobs(scene.depth, self._background, self.camera.intrinsics, self.settings.min_area)
+        proposed = self._plausible(blobs) if self._detector is None else self._detector.propose(blobs, self.camera)
+        best: Registration | None = None
+        for blob in proposed:
+            found = acquire(scene, self._position(blob))
+            if self._is_start(found) and (best is None or found.score > best.score):
+                best = found
+        looked = replace(looked, proposals=len(proposed))
+        if best is None:
+            self._candidate = None
+            return self._without(stamp, reason or _nothing(len(blobs), len(proposed)), looked)
+        track, agreed = self._agreed(stamp, best)
+        if agreed >= self.settings.start_frames:
+            self._candidate = None
+            return self._accept(stamp, track, best, len(proposed))
+        self._candidate = (track, agreed)
+        confirming = f"confirming: a drone was found in {agreed} of {self.settings.start_frames} frames"
+        return self._without(stamp, confirming, looked)
+
+    def _agreed(self, stamp: float, found: Registration) -> tuple[Track, int]:
+        """Return the track of a candidate, and the frames in a row that agree on it."""
+        if self._candidate is not None:
+            track, agreed = self._candidate
+            expected = track.predict(stamp)
+            if float(np.linalg.norm(found.pose.position - expected.pose.position)) < 0.15:
+                held = facing_as(found.pose, expected.pose.yaw)
+                evidence = found.half_turn if held is found.pose else -found.half_turn
+                return track.follow(stamp, replace(found, pose=held, half_turn=evidence)), agreed + 1
+        track = Track.start(stamp, found.pose)
+        return replace(track, half_turn=track.half_turn.add(found.half_turn)[0]), 1
+
+    def _is_start(self, found: Registration) -> bool:
+        s = self.settings
+        seen = found.visible >= s.start_visible
+        return seen and found.ratio >= s.start_ratio and found.misfit <= s.start_misfit
+
+    def _position(self, blob: Blob) -> Array:
+        """Return where the body's origin would be if the blob were the drone, (3,) [m]."""
+        position = self.camera.R_world_camera @ blob.points + self.camera.t_world_camera
+        position[2] -= self._matcher.template.surface
+        return np.asarray(position)
+
+    def _plausible(self, blobs: Sequence[Blob]) -> tuple[Blob, ...]:
+        """Return the blobs that are not much larger or smaller than the template."""
+        t = self._matcher.template
+        area = float((t.probability > 0.5).sum()) * t.grid.cell**2
+        fx, fy = self.camera.intrinsics.focal
+        return tuple(b for b in blobs if 0.3 * area < b.area * b.depth**2 / (fx * fy) < 6.0 * area)
+
+    def _accept(self, stamp: float, track: Track, found: Registration, proposals: int = 0) -> Located:
+        self._track, self._seen = track, True
+        certain = track.half_turn.facing is Facing.CERTAIN
+        covariance = found.covariance if certain else found.covariance + np.diag([0.0, 0.0, 0.0, _UNKNOWN_YAW])
+        measurement = PoseMeasurement(
+            stamp, track.pose.position + self._offset, track.pose.yaw, covariance, "registration"
+        )
+        looked = replace(_diagnostics(found), half_turn=track.half_turn.evidence, proposals=proposals)
+        slipped = track.half_turn.slipped
+        return Located(stamp, LocatorState.TRACKING, measurement, "", certain, slipped, looked)
+
+    def _without(self, stamp: float, reason: str, looked: LocatorDiagnostics | None = None) -> Located:
+        state = LocatorState.LOST if self._seen else LocatorState.SEARCHING
+        return Located(stamp, state, None, reason, diagnostics=looked or LocatorDiagnostics())
+
+
+def _diagnostics(found: Registration) -> LocatorDiagnostics:
+    pose: Pose = found.pose
+    return LocatorDiagnostics(found.ratio, found.misfit, found.visible, 0.0, pose.roll, pose.pitch)
+
+
+def _nothing(blobs: int, proposed: int) -> str:
+    if not blobs:
+        return "nothing in view: no foreground is as large as a drone"
+    if not proposed:
+        return f"no drone in view: none of {blobs} things looks like one to the detector"
+    return f"no drone in view: none of {proposed} candidates has its shape"
