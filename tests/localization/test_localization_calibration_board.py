@@ -158,7 +158,8 @@ def test_corners_in_one_row_are_refused(monkeypatch):
         ({"square": 100.0}, "board: its squares are 100 m; expected 0.005 to 1 m"),
         (
             {"marker": 0.1},
-            "board: its markers are 0.1 m in squares of 0.1 m; expected 0.03 to 0.095 m, a white rim around each",
+            "board: its markers are 0.1 m in squares of 0.1 m; expected 0.03 to 0.095 m, a white rim "
+            "around each",
         ),
         (
             {"columns": 15, "rows": 10},

@@ -286,3 +286,12 @@ def test_straightening_undoes_opencvs_distortion():
     bent, _ = cv2.projectPoints(x.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), CAMERA.K, BENT.coefficients)
     camera = PinholeCamera(640, 480, CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
     np.testing.assert_allclose(BENT.straighten(bent.reshape(-1, 2), camera), CAMERA.to_pixels(m), atol=0.01)
+
+
+def test_the_same_pictures_give_the_same_digits_even_where_they_tell_little():
+    frontal = views([(0, 0, *pose[2:]) for pose in CAREFUL])
+    threads = cv2.getNumThreads()
+    first, second = (calibrate_intrinsics(frontal) for _ in range(2))
+    assert first.camera == second.camera
+    np.testing.assert_array_equal(first.sd, second.sd)
+    assert cv2.getNumThreads() == threads

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from noctule.cli.options import Flag
 
 Several = Annotated[list[Path] | None, Parameter(consume_multiple=True, negative="")]
-Places = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="", allow_leading_hyphen=True)]
+Places = Annotated[list[str] | None, Parameter(negative="", allow_leading_hyphen=True)]
 
 
 def calibrate_camera(
@@ -45,7 +45,7 @@ def calibrate_camera(
         The depth image (16-bit PNG, millimetres) to each of the pictures of --extrinsics, in their order.
     at
         Where the board lay in each, as x,y,heading [m, m, deg] of its corner with the arrows; left out,
-        0,0,0: the board is the origin of the world.
+        0,0,0: the board is the origin of the world. Given once for each picture.
     thickness
         How high the board's face is above the floor [m].
     board

@@ -126,7 +126,12 @@ def _places(asked: Asked) -> list[BoardPlace]:
 def _intrinsics(work: _Work, pictures: Sequence[Path], folder: Path) -> CameraIntrinsics:
     """Find, draw, judge and keep the intrinsics."""
     from noctule.localization.calibration.board import NoBoardError, find_board
-    from noctule.localization.calibration.camera_files import CameraIntrinsics, save_intrinsics
+    from noctule.localization.calibration.camera_files import (
+        INTRINSICS,
+        TEACH_CAMERA,
+        CameraIntrinsics,
+        save_intrinsics,
+    )
     from noctule.localization.calibration.intrinsics import LARGEST_RESIDUAL, LeftOut, calibrate_intrinsics
     from noctule.localization.calibration.judgement import PoorIntrinsicsError, require_sound
     from noctule.localization.calibration.pictures import picture_files, read_greys
@@ -147,7 +152,7 @@ def _intrinsics(work: _Work, pictures: Sequence[Path], folder: Path) -> CameraIn
         raise work.refused(error) from None
     known = CameraIntrinsics(found.camera, found.lens, found.sd)
     save_intrinsics(folder, known)
-    work.say(f"intrinsics: {folder / 'intrinsics.toml'}")
+    work.say(f"intrinsics: {folder / INTRINSICS}; for noctule teach: {folder / TEACH_CAMERA}")
     return known
 
 

@@ -38,8 +38,9 @@ def write_board_sheet(board: Board, file: Path) -> Path:
         When the file cannot be written.
     """
     kind = file.suffix.lower()
+    ending = repr(kind) if kind else "nothing"
     if kind not in (".pdf", ".png"):
-        raise BoardSheetError(f"board {file}: its name ends in {kind or 'nothing'!r}; expected .pdf or .png")
+        raise BoardSheetError(f"board {file}: its name ends in {ending}; expected .pdf or .png")
     buffer = io.BytesIO()
     with house_style():
         figure = board_sheet(board)

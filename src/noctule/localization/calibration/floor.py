@@ -74,7 +74,7 @@ def near_plane(
 def fit_plane(
     depth: NDArray[np.uint16], camera: PinholeCamera, where: NDArray[np.bool_], fewest: int = 200
 ) -> PlaneFit | None:
-    """Fit a plane to the readings [mm] of the pixels `where`; None where fewer than `fewest` lie on one, or none does.
+    """Fit a plane to the readings [mm] of the pixels `where`; None where fewer than `fewest` lie on one.
 
     Linear in the inverse depth, whose noise is the same at every depth for cameras that triangulate; readings
     off the plane are left out.

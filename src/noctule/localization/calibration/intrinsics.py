@@ -163,7 +163,12 @@ def _check_sizes(views: Sequence[BoardView]) -> None:
 
 def _solve(views: Sequence[BoardView], left_out: Sequence[LeftOut]) -> Intrinsics:
     """Solve from a wide and from a long lens: how far the answers differ, the focal length is unknown."""
-    answers = [found for start in _STARTS if (found := _solve_from(views, start)) is not None]
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # several add up in another order each time, and give other digits
+    try:
+        answers = [found for start in _STARTS if (found := _solve_from(views, start)) is not None]
+    finally:
+        cv2.setNumThreads(threads)
     if not answers:
         raise UndeterminedError(
             f"calibration: the {len(views)} pictures do not tell the focal length at all; retake them with "
