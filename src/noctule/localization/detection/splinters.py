@@ -16,7 +16,7 @@ HEIGHT = 0.13  # [m], between their mean altitudes
 LARGEST = 0.03  # [m^2], a splinter is smaller than this
 _SHARE = 0.5  # and than this share of the piece that it belongs to
 
-Labels = NDArray[np.int32]
+Labels = NDArray[np.uint16]
 
 
 def join_splinters(blobs: Sequence[Blob], camera: FixedCamera) -> tuple[tuple[Blob, ...], Mapping[int, int]]:

@@ -1,0 +1,1 @@
+"""What a manual flight in an otherwise empty room teaches: the detectors, and the drone's top view."""
