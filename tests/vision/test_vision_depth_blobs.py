@@ -9,7 +9,7 @@ from hypothesis.extra import numpy as hnp
 from vision_depth_rooms import CAMERA, HEIGHT, WIDTH, frames, plain_background, room, sensed, with_box
 
 from noctule.camera import CEILING_CAMERA, PinholeCamera
-from noctule.vision.depth import BlobFinder, DepthFormatError, find_blobs, learn_background
+from noctule.vision.depth import DepthFormatError, find_blobs, learn_background
 
 ORDERS = ("20", "11", "02", "30", "21", "12", "03")
 SIZES = st.tuples(st.integers(1, 40), st.integers(1, 40))
@@ -187,26 +187,6 @@ def test_the_same_frame_gives_the_same_bits_and_leaves_the_last_answer_alone():
     np.testing.assert_array_equal(labels, kept)
     np.testing.assert_array_equal(again, kept)
     np.testing.assert_array_equal(other.moments, moments)
-
-
-@settings(deadline=None, max_examples=30)
-@given(st.integers(0, 2**32 - 1))
-def test_a_finder_forgets_the_frames_before(seed):
-    rng = np.random.default_rng(seed)
-    background = plain_background((33, 45))
-    finder = BlobFinder(background, CAMERA, min_area=2)
-    for _ in range(6):
-        depth = np.where(rng.random((33, 45)) < rng.random(), rng.integers(900, 1400, (33, 45)), 0)
-        left, top, right, bottom = (int(k) for k in rng.integers(-5, 50, 4))
-        region = None if rng.random() < 0.3 else (left, top, right, bottom)
-        labels, blobs = finder.find(depth.astype(np.uint16), region)
-        expected_labels, expected = find_blobs(
-            depth.astype(np.uint16), background, CAMERA, min_area=2, region=region
-        )
-        np.testing.assert_array_equal(labels, expected_labels)
-        assert [blob.area for blob in blobs] == [blob.area for blob in expected]
-        for blob, other in zip(blobs, expected, strict=True):
-            np.testing.assert_array_equal(blob.moments, other.moments)
 
 
 def test_an_empty_room_and_a_blind_camera_have_no_blobs():

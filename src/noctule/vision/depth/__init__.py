@@ -2,7 +2,7 @@
 
 from noctule.vision.depth.background import Background, BackgroundSettings, fits
 from noctule.vision.depth.blob import Blob
-from noctule.vision.depth.blobs import BlobFinder, find_blobs
+from noctule.vision.depth.blobs import find_blobs
 from noctule.vision.depth.errors import (
     DepthFormatError,
     EmptyBackgroundError,
@@ -16,7 +16,6 @@ __all__ = [
     "Background",
     "BackgroundSettings",
     "Blob",
-    "BlobFinder",
     "DepthFormatError",
     "Ellipse",
     "EmptyBackgroundError",

@@ -9,7 +9,7 @@ from noctule.camera import PinholeCamera
 from noctule.vision.depth.background import Background
 from noctule.vision.depth.blob import Blob
 from noctule.vision.depth.errors import check_depth
-from noctule.vision.depth.scan import RUN_COLUMNS, scan
+from noctule.vision.depth.scan import scan
 
 MIN_AREA = 50  # [px]
 DEPTH_STEP = 0.15  # [m]
@@ -20,66 +20,6 @@ Labels = NDArray[np.uint16]
 Region = tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom lie just outside
 
 
-class BlobFinder:
-    """Finds blobs in frame after frame in the same memory, which takes half the time of fresh memory.
-
-    A blob is 8-connected foreground of at least `min_area` [px]. Neighbours whose depths differ by more than
-    `depth_step` [m] are not connected, which parts a drone from the person below it; None connects all.
-    """
-
-    def __init__(
-        self,
-        background: Background,
-        camera: PinholeCamera,
-        min_area: int = MIN_AREA,
-        depth_step: float | None = DEPTH_STEP,
-    ) -> None:
-        self.background = background
-        self.camera = camera
-        self._nearest = _read_only(background.nearest)
-        self._intrinsics = (camera.fx, camera.fy, camera.cx, camera.cy)
-        self._min_area = max(min_area, 1)
-        self._step = np.iinfo(np.uint16).max if depth_step is None else round(1e3 * depth_step)
-        self._labels = np.zeros(background.shape, dtype=np.uint16)
-        # Room for every pixel as its own run; what is not written to costs nothing.
-        self._runs = np.empty((self._labels.size, RUN_COLUMNS), dtype=np.int64)
-        self._parent = np.empty(self._labels.size, dtype=np.int64)
-        self._n_runs = 0
-
-    def find(
-        self, depth: NDArray[np.uint16], region: Region | None = None
-    ) -> tuple[Labels, tuple[Blob, ...]]:
-        """Return the label image (height, width), 0 where there is no blob, and the blobs in raster order.
-
-        The label image holds until the next call, which writes to it. Outside `region` nothing is looked at.
-        There are 65535 labels; blobs beyond are left out.
-
-        Raises DepthFormatError for a frame of another size or type.
-        """
-        check_depth(depth, self.background.shape)
-        height, width = self.background.shape
-        left, top, right, bottom = (0, 0, width, height) if region is None else region
-        left, top, right, bottom = max(left, 0), max(top, 0), min(right, width), min(bottom, height)
-        table, self._n_runs = scan(
-            _read_only(depth),
-            self._nearest,
-            (left, top, max(right, left), bottom),
-            self._step,
-            self._min_area,
-            self._intrinsics,
-            self._labels,
-            self._runs,
-            self._parent,
-            self._n_runs,
-        )
-        blobs = []
-        for label, row in enumerate(table, start=1):
-            area, x_min, y_min, x_max, y_max = (int(value) for value in row[:5].tolist())
-            box = (x_min, y_min, x_max, y_max)
-            blobs.append(Blob(label, area, *box, row[5:7], row[7:14], row[14:17], float(row[16])))
-        return self._labels, tuple(blobs)
-
-
 def find_blobs(
     depth: NDArray[np.uint16],
     background: Background,
@@ -88,8 +28,36 @@ def find_blobs(
     depth_step: float | None = DEPTH_STEP,
     region: Region | None = None,
 ) -> tuple[Labels, tuple[Blob, ...]]:
-    """Return label image and blobs of a single frame, as `BlobFinder.find` does, in memory of their own."""
-    return BlobFinder(background, camera, min_area, depth_step).find(depth, region)
+    """Return the label image (height, width), 0 where there is no blob, and the blobs in raster order.
+
+    A blob is 8-connected foreground of at least `min_area` [px]. Neighbours whose depths differ by more than
+    `depth_step` [m] are not connected, which parts a drone from the person below it; None connects all.
+    Outside `region` nothing is looked at. There are 65535 labels; blobs beyond are left out.
+
+    Raises DepthFormatError for a frame of another size or type.
+    """
+    check_depth(depth, background.shape)
+    height, width = background.shape
+    left, top, right, bottom = (0, 0, width, height) if region is None else region
+    inside = (max(left, 0), max(top, 0), min(right, width), min(bottom, height))
+    labels = np.zeros((height, width), dtype=np.uint16)
+    if inside[0] >= inside[2] or inside[1] >= inside[3]:
+        return labels, ()
+    table = scan(
+        _read_only(depth),
+        _read_only(background.nearest),
+        inside,
+        np.iinfo(np.uint16).max if depth_step is None else round(1e3 * depth_step),
+        max(min_area, 1),
+        (camera.fx, camera.fy, camera.cx, camera.cy),
+        labels,
+    )
+    blobs = []
+    for label, row in enumerate(table, start=1):
+        area, x_min, y_min, x_max, y_max = (int(value) for value in row[:5].tolist())
+        box = (x_min, y_min, x_max, y_max)
+        blobs.append(Blob(label, area, *box, row[5:7], row[7:14], row[14:17], float(row[16])))
+    return labels, tuple(blobs)
 
 
 def _read_only(image: NDArray[np.uint16]) -> NDArray[np.uint16]:

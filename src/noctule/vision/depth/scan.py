@@ -10,7 +10,6 @@ from noctule.geometry import Array
 
 # Columns of the runs: first pixel, pixel behind the last, row, sum of depths, sum of column times depth.
 START, END, ROW, DEPTH, U_DEPTH = range(5)
-RUN_COLUMNS = 5
 COLUMNS = 17  # of the table that `scan` returns, in the order of the fields of Blob without label and depth
 MAX_LABEL = 65535
 
@@ -145,20 +144,14 @@ def scan(
     min_area: int,
     intrinsics: tuple[float, float, float, float],
     labels: NDArray[np.uint16],
-    runs: NDArray[np.int64],
-    parent: NDArray[np.int64],
-    runs_before: int,
-) -> tuple[Array, int]:
-    """Return a row for each blob, (n, COLUMNS), and the number of runs; write 1 to n into `labels`.
+) -> Array:
+    """Return a row for each blob, (n, COLUMNS), and write 1 to n into `labels` (all 0 before).
 
-    `region` is (left, top, right, bottom) [px], `intrinsics` (fx, fy, cx, cy) [px], `step` in [mm]. `runs`
-    (m, 5) and `parent` (m,) have room for every pixel as its own run; the first `runs_before` of `runs` are
-    those of the last frame, under which `labels` is cleared.
+    `region` is (left, top, right, bottom) [px], `intrinsics` (fx, fy, cx, cy) [px], `step` in [mm].
     """
-    for i in range(runs_before):
-        v = runs[i, ROW]
-        for u in range(runs[i, START], runs[i, END]):
-            labels[v, u] = 0
+    # Room for every pixel as its own run; what is not written to costs nothing.
+    room = (region[2] - region[0]) * (region[3] - region[1])
+    runs, parent = np.empty((room, 5), dtype=np.int64), np.empty(room, dtype=np.int64)
     n_runs = _find_runs(depth, nearest, region, step, runs, parent)
     area = np.zeros(n_runs, dtype=np.int64)
     for i in range(n_runs):
@@ -206,4 +199,4 @@ def scan(
         table[k, 14] = metres * (m[11] - cx * m[10]) / fx
         table[k, 15] = metres * (m[12] - cy * m[10]) / fy
         table[k, 16] = metres * m[10]
-    return table, n_runs
+    return table
