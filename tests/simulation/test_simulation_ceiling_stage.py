@@ -200,6 +200,13 @@ def test_a_frame_depends_on_stamp_and_poses_only_not_on_what_was_drawn_before() 
     assert not np.array_equal(s.frame(2.1, HOVER, [person]).depth, first)
 
 
+def test_a_stamp_may_be_that_of_any_clock() -> None:
+    s = stage()
+    depths = [s.frame(stamp, None).depth for stamp in (-3.0, 0.0, 1.7e9)]
+    assert all((depth > 0).mean() > 0.95 for depth in depths)
+    assert not np.array_equal(depths[0], depths[1])
+
+
 def test_another_seed_is_another_room_and_other_noise() -> None:
     room = lab_room(0)
     same_room = DepthStage(CeilingSpec(), 1, room)

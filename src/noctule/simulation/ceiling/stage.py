@@ -21,6 +21,8 @@ from noctule.simulation.ceiling.things import ThingPose, thing_rows
 from noctule.simulation.layout import draw_layout
 from noctule.simulation.spec import RoomSpec
 
+_NUMBERS = 2**32  # of milliseconds, after which errors come again
+
 
 class DepthStage:
     """Draws depth frames. The same spec, seed, room, stamp and poses give the same frame bit for bit.
@@ -58,7 +60,7 @@ class DepthStage:
         colour: bool = False,
     ) -> DepthFrame:
         """Return what the camera sees at `stamp` [s]; without a pose there is no quadrotor in the room."""
-        number = round(stamp * 1000.0)
+        number = round(stamp * 1000.0) % _NUMBERS
         rows = self._rows(drone_pose, things)
         self._canvas.copy_from(self._still)
         self._canvas.cast(rows, self._sensor.bank.veil(number))
