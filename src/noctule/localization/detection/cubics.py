@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial import Polynomial
+from numpy.polynomial.polynomial import polyval
 
 from noctule.camera import FixedCamera
 from noctule.geometry import Array
@@ -41,7 +42,7 @@ class AreaCubics:
         altitude = np.asarray(altitude, dtype=np.float64)
         inside = (altitude >= self.lowest) & (altitude <= self.highest)
         z = np.where(inside, altitude, np.nan)
-        return np.asarray(Polynomial(self.g2)(z)), np.asarray(Polynomial(self.g1)(z))
+        return np.asarray(polyval(z, self.g2)), np.asarray(polyval(z, self.g1))
 
     def propose(self, blobs: Sequence[Blob], camera: FixedCamera) -> tuple[Blob, ...]:
         """Return the blobs whose area lies between the cubics at their altitude."""
