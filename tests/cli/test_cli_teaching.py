@@ -128,11 +128,12 @@ def test_waypoints_are_flown_in_the_room_of_the_mission_without_its_columns(noct
 MESSAGES = [
     (
         [],
-        "found none, expected exactly one of --waypoints, --recording, --video, --device",
+        "found none, expected exactly one of --waypoints, --keyboard, --keys, --recording, --video, --device",
     ),
     (
         ["--video", "a.avi", "--device", "0"],
-        "found --video and --device, expected exactly one of --waypoints, --recording, --video, --device",
+        "found --video and --device, expected exactly one of --waypoints, --keyboard, --keys, --recording, "
+        "--video, --device",
     ),
     (
         ["--video", "a.avi"],
@@ -155,6 +156,18 @@ MESSAGES = [
     (["--recording", "a.mcap", "--focal", "300"], "--focal does not go with --recording; leave it out"),
     (["--recording", "a.mcap", "--mission", "x"], "--mission does not go with --recording; leave it out"),
     (["--waypoints", "a.toml", "--at", "0,1"], "--at does not go with --waypoints; leave it out"),
+    (["--waypoints", "a.toml", "--no-preview"], "--no-preview does not go with --waypoints; leave it out"),
+    (["--keys", "a.txt", "--no-preview"], "--no-preview does not go with --keys; leave it out"),
+    (["--keys", "a.txt", "--focal", "300"], "--focal does not go with --keys; leave it out"),
+    (
+        ["--keyboard", "--keys", "a.txt"],
+        "found --keyboard and --keys, expected exactly one of --waypoints, --keyboard, --keys, --recording, "
+        "--video, --device",
+    ),
+    (
+        ["--keyboard", "--at", "0,1"],
+        "--at is '0,1', with --keyboard expected keys: images where space is pressed",
+    ),
     (
         ["--video", "a.avi", "--focal", "300", "--seed", "1"],
         "--seed does not go with --video; leave it out",

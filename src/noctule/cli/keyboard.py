@@ -120,7 +120,7 @@ class Keyboard:
         picture: list[str] = []
         if status.picture is not None and lines > _BELOW:
             picture = half_blocks(status.picture.pixels, min(columns, WIDEST), lines - _BELOW)
-        text = "\x1b[K\r\n".join([*picture, *below_picture(status, columns - 1)])
+        text = "\x1b[K\n".join([*picture, *below_picture(status, columns - 1)])
         self.write(f"{clear}\x1b[H{text}\x1b[J")
 
     def write(self, text: str) -> None:
@@ -160,7 +160,7 @@ def open_keyboard(preview: bool) -> Iterator[Keyboard]:
         try:
             yield keyboard
         finally:
-            keyboard.write(_SHUT if preview else "\r\n")
+            keyboard.write(_SHUT if preview else "\n")
 
 
 def _terminal() -> int:
@@ -192,13 +192,14 @@ def _raw(keys: int) -> Iterator[None]:
         if hasattr(termios, name):
             mode[6][getattr(termios, name)] = off
     mode[6][termios.VMIN], mode[6][termios.VTIME] = 1, 0
-    termios.tcsetattr(keys, termios.TCSAFLUSH, mode)
+    # At once: a terminal that shows nothing any more would be waited for.
+    termios.tcsetattr(keys, termios.TCSANOW, mode)
     try:
         yield
     finally:
-        # What is still held down must not be typed into the shell.
         with suppress(termios.error):
-            termios.tcsetattr(keys, termios.TCSAFLUSH, before)
+            termios.tcsetattr(keys, termios.TCSANOW, before)
+            termios.tcflush(keys, termios.TCIFLUSH)  # what is still held down is not for the shell
 
 
 @contextmanager
