@@ -172,6 +172,7 @@ def by_filterpy(start: StateEstimate, measurements: tuple[Measurement, ...]) -> 
 
 
 def by_stonesoup(start: StateEstimate, measurements: tuple[Measurement, ...]) -> list[np.ndarray]:
+    from stonesoup.base import Property
     from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
     from stonesoup.models.transition.nonlinear import GaussianTransitionModel
     from stonesoup.predictor.kalman import ExtendedKalmanPredictor
@@ -196,12 +197,14 @@ def by_stonesoup(start: StateEstimate, measurements: tuple[Measurement, ...]) ->
             return StateVector(transition(flat(state), dt, NOTHING, MODEL.input_gains, MODEL.drags)[0])
 
         def jacobian(self, state, time_interval=None, **_):
-            dt = time_interval.total_seconds()
-            return transition(flat(state), dt, NOTHING, MODEL.input_gains, MODEL.drags)[1]
+            x, dt = flat(state), time_interval.total_seconds()
+            ahead, F = transition(x, dt, NOTHING, MODEL.input_gains, MODEL.drags)
+            self.yaw = 0.5 * (x[3] + ahead[3])  # the predictor asks for the covariance next, without a state
+            return F
 
         def covar(self, prior=None, time_interval=None, **_):
-            dt, yaw = time_interval.total_seconds(), float(flat(prior)[3])
-            return process_covariance(yaw, dt, MODEL.drags, NOISE.densities, n)
+            dt = time_interval.total_seconds()
+            return process_covariance(self.yaw, dt, MODEL.drags, NOISE.densities, n)
 
         def pdf(self, *_, **__):
             raise NotImplementedError
@@ -209,9 +212,7 @@ def by_stonesoup(start: StateEstimate, measurements: tuple[Measurement, ...]) ->
         rvs = pdf
 
     class Sensor(NonLinearGaussianMeasurement):
-        def __init__(self, z):
-            super().__init__(ndim_state=n, mapping=tuple(range(z.z.size)), noise_covar=z.R)
-            self.z = z
+        z: Measurement = Property(doc="what was measured")
 
         @property
         def ndim_meas(self):
@@ -223,13 +224,16 @@ def by_stonesoup(start: StateEstimate, measurements: tuple[Measurement, ...]) ->
         def jacobian(self, state, **_):
             return linearise(flat(state), self.z.components, self.z.z)[1]
 
+    def sensor(z: Measurement) -> Sensor:
+        return Sensor(ndim_state=n, mapping=tuple(range(z.z.size)), noise_covar=z.R, z=z)
+
     epoch = datetime.datetime(2026, 1, 1)
     predictor, updater, found = ExtendedKalmanPredictor(Motion()), ExtendedKalmanUpdater(), []
     state = GaussianState(StateVector(start.x), start.P, timestamp=epoch)
     for z in measurements:
         at = epoch + datetime.timedelta(seconds=z.stamp)
         prediction = predictor.predict(state, timestamp=at)
-        detection = Detection(StateVector(z.z), timestamp=at, measurement_model=Sensor(z))
+        detection = Detection(StateVector(z.z), timestamp=at, measurement_model=sensor(z))
         state = updater.update(SingleHypothesis(prediction, detection))
         found.append(flat(state))
     return found
