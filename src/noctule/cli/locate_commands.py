@@ -8,7 +8,8 @@ from typing import Literal
 from noctule.cli.depth_options import NONE, SourceOptions
 from noctule.cli.options import Flag
 
-Flown = Literal["none", "manual", "path", "floor"]
+Flown = Literal["none", "manual", "path", "stand"]
+Detector = Literal["cubics", "band", "hu"]
 
 
 def calibrate_background(*, source: SourceOptions = NONE, out: Path, json: Flag = False) -> int:
@@ -40,28 +41,36 @@ def calibrate_detector(
     json
         End standard output with one JSON object.
     """
-    from noctule.cli.calibrating import learn_detectors
+    from noctule.cli.calibrating_drone import learn_detectors
 
     return learn_detectors(source, site, out, json)
 
 
 def calibrate_template(
-    *, source: SourceOptions = NONE, site: Path, out: Path | None = None, json: Flag = False
+    *,
+    source: SourceOptions = NONE,
+    site: Path,
+    start_yaw: float | None = None,
+    out: Path | None = None,
+    json: Flag = False,
 ) -> int:
     """Learn the drone's top view, from a flight by hand that turns through all headings.
 
     Parameters
     ----------
     site
-        The folder of the site, with its camera, background and detector.
+        The folder of the site, with its camera and background.
+    start_yaw
+        Where the nose points in the first frame, to 60 [deg]: 0 along x, 90 along y. Left out, the markers
+        tell, or the way it flew.
     out
         Write template.npz and its figure into this folder; left out, the site.
     json
         End standard output with one JSON object.
     """
-    from noctule.cli.calibrating import learn_top_view
+    from noctule.cli.calibrating_drone import learn_top_view
 
-    return learn_top_view(source, site, out, json)
+    return learn_top_view(source, site, start_yaw, out, json)
 
 
 def calibrate_offset(
@@ -73,14 +82,15 @@ def calibrate_offset(
     out: Path | None = None,
     json: Flag = False,
 ) -> int:
-    """Find the constant error of positions, from a drone that stands on the floor with its motors off.
+    """Find the constant error of positions, from a drone that stands still at a known place, motors off.
 
     Parameters
     ----------
     site
         The folder of the whole site.
     height
-        How high the middle of the drone's hull is above the floor as it stands there [m].
+        How high the middle of its hull is above the floor [m]; half a metre and more, on a box or a stool
+        that was there when the background was learned.
     at
         Where it stands, as x,y [m]; left out, only the altitude is corrected.
     out
@@ -104,7 +114,7 @@ def calibrate_record(
         The recording (.mcap), a new file.
     flight
         With --simulated: what is flown. none: the room is empty. manual: by hand all over the room.
-        path: along an ellipse. floor: the drone stands on the floor.
+        path: along an ellipse. stand: it stands still at (0, 0, 0.6) m.
     json
         End standard output with one JSON object.
     """
@@ -117,6 +127,7 @@ def locate(
     *,
     source: SourceOptions = NONE,
     site: Path,
+    detector: Detector = "band",
     frames: Flag = False,
     out: Path | None = None,
     json: Flag = False,
@@ -129,6 +140,8 @@ def locate(
     ----------
     site
         The folder of the site, see `noctule calibrate`.
+    detector
+        What proposes blobs to start from and to find the drone again.
     frames
         Record the depth frames too.
     out
@@ -138,4 +151,4 @@ def locate(
     """
     from noctule.cli.locating import locate_drone
 
-    return locate_drone(source, site, frames, out, json)
+    return locate_drone(source, site, detector, frames, out, json)

@@ -22,13 +22,13 @@ from noctule.simulation.ceiling import (
     walk_past,
 )
 
-Flight = Literal["none", "manual", "path", "floor"]
-"""What flies: nothing, a drone by hand all over the room, one along the paper's ellipse; or it stands."""
+Flight = Literal["none", "manual", "path", "stand"]
+"""Nothing; a drone by hand all over the room; one along the paper's ellipse; one that stands still."""
 
 _SPEED = 0.3  # [m/s], along the path
 _PASSES = 0.6  # [m], as near as the person comes to the path
-_STREAMS: dict[Flight, int] = {"none": 0, "manual": 1, "path": 2, "floor": 3}
-FLOOR_HEIGHT = 0.06  # [m], of the origin of a drone that stands on its feet
+_STREAMS: dict[Flight, int] = {"none": 0, "manual": 1, "path": 2, "stand": 3}
+STAND = (0.0, 0.0, 0.6)  # [m], where the drone stands still, on a thin pole that no camera sees
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +55,8 @@ class Scene:
         stamps = [k / rate for k in range(math.floor(self.seconds * rate + 1e-9))]
         if self.flight == "none":
             return [(stamp, None) for stamp in stamps]
-        if self.flight == "floor":
-            standing = Pose(np.array([0.0, 0.0, FLOOR_HEIGHT]), 0.3)
+        if self.flight == "stand":
+            standing = Pose(np.array(STAND), 0.3)
             return [(stamp, standing) for stamp in stamps]
         angles, lengths = _ellipse_lengths()
         return [(t, _on_ellipse(float(np.interp(_SPEED * t % lengths[-1], lengths, angles)))) for t in stamps]
@@ -85,7 +85,13 @@ def simulated_source(scene: Scene) -> DepthSource:
         spec.camera,
         spec.camera.intrinsics,
         {stamp: pose for stamp, pose in poses if pose is not None},
+        _said(poses[0][1]) if poses else None,
     )
+
+
+def _said(pose: Pose | None) -> float | None:
+    # Whoever holds the sticks knows how the drone was put down, by eye.
+    return None if pose is None else round(pose.yaw / (math.pi / 4.0)) * (math.pi / 4.0)
 
 
 def passer_by() -> Walker:

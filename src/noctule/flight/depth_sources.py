@@ -37,6 +37,7 @@ class DepthSource:
     camera: FixedCamera | None = None  # where the source knows it
     intrinsics: PinholeCamera | None = None  # where the source knows at least this
     truth: Mapping[float, Pose] = field(default_factory=dict)  # by stamp; for the judge only, in simulation
+    start_yaw: float | None = None  # [rad], of the drone in the first frame, by eye; in simulation
 
 
 def recording_source(path: Path) -> DepthSource:
