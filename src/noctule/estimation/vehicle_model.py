@@ -65,10 +65,12 @@ class VehicleModel:
 class ProcessNoise(Settings):
     """Square roots of the spectral densities of what the model does not know."""
 
-    horizontal: float = Field(0.15, gt=0.0, le=20.0, description="acceleration [m/s^2/sqrt(Hz)]")
-    vertical: float = Field(0.1, gt=0.0, le=20.0, description="acceleration [m/s^2/sqrt(Hz)]")
-    turn: float = Field(0.15, gt=0.0, le=50.0, description="of the yaw [rad/s^2/sqrt(Hz)]")
-    heading_bias: float = Field(0.003, ge=0.0, le=1.0, description="random walk [rad/sqrt(s)]")
+    horizontal: float = Field(0.3, gt=0.0, le=20.0, description="acceleration [m/s^2/sqrt(Hz)]")
+    vertical: float = Field(0.2, gt=0.0, le=20.0, description="acceleration [m/s^2/sqrt(Hz)]")
+    turn: float = Field(0.3, gt=0.0, le=50.0, description="of the yaw [rad/s^2/sqrt(Hz)]")
+    # The onboard heading is off by tens of degrees that depend on the heading (Table 3): as the vehicle turns
+    # its bias moves, and unless that was calibrated away the filter has to let it.
+    heading_bias: float = Field(0.05, ge=0.0, le=1.0, description="random walk [rad/sqrt(s)]")
     velocity_bias: float = Field(0.003, ge=0.0, le=1.0, description="random walk [m/s/sqrt(s)]")
 
     @property
