@@ -13,9 +13,19 @@ from noctule.messages import DepthFrame
 from noctule.vision.depth.blob import Blob
 
 
+_FLOORS: dict[int, tuple[FixedCamera, np.ndarray]] = {}
+
+
+def floor_of(camera: FixedCamera) -> np.ndarray:
+    """Return `floor_threshold` of a camera, cast once."""
+    if id(camera) not in _FLOORS:
+        _FLOORS[id(camera)] = (camera, floor_threshold(camera))
+    return _FLOORS[id(camera)][1]
+
+
 def largest_blob(frame: DepthFrame, camera: FixedCamera = CEILING_CAMERA) -> Sighting:
     """Return the largest connected piece of foreground over an empty floor."""
-    near = ((frame.depth > 0) & (frame.depth < floor_threshold(camera))).astype(np.uint8)
+    near = ((frame.depth > 0) & (frame.depth < floor_of(camera))).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(near, connectivity=8)
     label = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
     x, y, w, h, area = (int(n) for n in stats[label])
@@ -42,7 +52,7 @@ def flat(xy, camera: FixedCamera = CEILING_CAMERA, z: float = 1.0) -> Sighting:
     points = np.column_stack([xy, np.full(len(xy), z)])
     p = np.round(camera.project(points)).astype(int)
     depth = np.zeros((camera.intrinsics.height, camera.intrinsics.width), dtype=np.uint16)
-    floor = floor_threshold(camera)
+    floor = floor_of(camera)
     # Each pixel gets the depth at which its own ray meets the plane, so that the points lie flat.
     ones = camera.to_world(p.astype(float), np.ones(len(p)))
     fall = (camera.t_world_camera[2] - z) / (camera.t_world_camera[2] - ones[:, 2])
