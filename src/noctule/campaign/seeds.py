@@ -56,7 +56,7 @@ def fly_seeds(
     """
     from noctule.flight.summary import pool
 
-    _check(seeds, jobs)
+    check_seeds(seeds, jobs)
     runs: dict[int, Run] = {}
     bar = _Bar(len(seeds)) if progress else None
 
@@ -80,7 +80,8 @@ def fly_seeds(
     return {"runs": ordered, "summary": pool(ordered)}
 
 
-def _check(seeds: Sequence[int], jobs: int | None) -> None:
+def check_seeds(seeds: Sequence[int], jobs: int | None) -> None:
+    """Raise CampaignError unless there are seeds, each once, and jobs to do them."""
     if not seeds:
         raise CampaignError("a campaign has no seeds, expected at least one; give a range such as 0:10")
     twice = sorted({seed for seed in seeds if list(seeds).count(seed) > 1})

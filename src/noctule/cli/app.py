@@ -11,8 +11,9 @@ from cyclopts import App, CycloptsError
 
 from noctule import __version__
 from noctule.cli.calibrate_camera import calibrate_camera
-from noctule.cli.commands import doctor, experiment, fly, missions, report
+from noctule.cli.commands import doctor, fly, missions, report
 from noctule.cli.complaints import complaint
+from noctule.cli.experiment_command import experiment
 from noctule.cli.locate_commands import (
     calibrate_background,
     calibrate_detector,

@@ -10,7 +10,6 @@ from cyclopts import Parameter
 from noctule.cli.options import Flag, Seed
 
 Law = Literal["noctule", "published"]
-Experiment = Literal["servo-5.1", "servo-5.2", "servo-5.3", "servo-5.3-ff"]
 NoReport = Annotated[bool, Parameter(name="--report", negative="--no-report")]
 
 
@@ -61,63 +60,6 @@ def fly(
     loaded = changed(load_mission(mission), law, attitude_sd, time_limit)
     number = one_seed(seed, seeds, loaded.flight.seed)
     return fly_asked(Asked(loaded.name, partial(as_it_is, loaded), number, seeds, out, report, json))
-
-
-def experiment(
-    name: Experiment,
-    /,
-    *,
-    law: Law = "noctule",
-    attitude_sd: float = 0.0,
-    laps: int | None = None,
-    latency: float | None = None,
-    columns: Flag = False,
-    seed: Seed = None,
-    seeds: str | None = None,
-    time_limit: float | None = None,
-    report: NoReport = True,
-    out: Path | None = None,
-    json: Flag = False,
-) -> int:
-    """Fly an experiment of the paper on visual path following.
-
-    Parameters
-    ----------
-    name
-        servo-5.1: one target past one column. servo-5.2: four images past two columns. servo-5.3: a closed
-        oval of 7.7 m, 30 images. servo-5.3-ff: the same, 35 images, the published law with feed-forward.
-    law
-        The control law: noctule, or the published one with its errata mended.
-    attitude_sd
-        Take the camera off its gimbal and let the drone know its roll and pitch this well [deg].
-    laps
-        Fly the oval this often without a stop; servo-5.3 and servo-5.3-ff only.
-    latency
-        Deliver every picture so much later than the camera does anyway [s]; servo-5.3 and servo-5.3-ff only.
-    columns
-        Stand a column on each straight of the oval; servo-5.3 and servo-5.3-ff only.
-    seed
-        What this number draws: textures, furniture, columns, start, noise, gusts. Left out, 0.
-    seeds
-        A range A:B, half open, flown over the cores; 0:10 is the seeds 0 to 9.
-    time_limit
-        Stop after this much flight [s].
-    report
-        Write an HTML report beside the recording.
-    out
-        The folder for recordings and reports; left out, a new one under flights/.
-    json
-        End standard output with one JSON object.
-    """
-    from functools import partial
-
-    from noctule.cli.flights import Asked, fly_asked, one_seed
-    from noctule.cli.overrides import of_experiment, oval_options
-
-    number = one_seed(seed, seeds, 0)
-    options = oval_options(name, laps, latency, columns)
-    make = partial(of_experiment, name, law, attitude_sd, time_limit, options)
-    return fly_asked(Asked(f"{name}-{law}", make, number, seeds, out, report, json))
 
 
 def missions(*, seed: Seed = None, out: Path | None = None, json: Flag = False) -> int:

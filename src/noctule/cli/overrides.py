@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, TypeVar
 
 from noctule.errors import NoctuleError
@@ -119,3 +120,31 @@ def of_experiment(
     else:
         mission = experiment.mission(seed, pilot.law, pilot.attitude_sd_deg)
     return changed(mission, time_limit_s=time_limit_s)
+
+
+def refuse_others(name: str, given: Mapping[str, object]) -> None:
+    """Raise OtherExperimentError for an option, by its name, that was given (is not None)."""
+    for option, value in given.items():
+        if value is not None:
+            raise OtherExperimentError(f"{option} does not belong to {name}; leave it out")
+
+
+def measured_options(name: str, given: Mapping[str, object]) -> Settings:
+    """Return the options of an experiment that measures; what was not given is None.
+
+    Raises
+    ------
+    OptionValueError
+        When a value is out of range.
+    OtherExperimentError
+        When an option is given that the experiment does not have.
+    """
+    from noctule.experiments.measured import MEASURED
+
+    options = MEASURED[name].options()
+    known = type(options).model_fields
+    refuse_others(name, {f"--{option}": value for option, value in given.items() if option not in known})
+    for option, value in given.items():
+        if value is not None:
+            options = _with(options, f"--{option}", **{option: value})
+    return options

@@ -1,0 +1,140 @@
+"""`loc-detection`: section 6.1 of Santos et al., with company: a person, a box and a tray beside the drone.
+
+A drone flown by hand, a person who walks about, a box that is pushed over the floor and a tray of the drone's
+size that is carried. In every frame each method says which blobs, or which place, are the drone. A frame is
+judged when the drone can be seen apart: whole inside the picture, not hidden, and its outline touching no
+other thing's.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from noctule.experiments.ceiling import RATE, TaughtCamera, stamps, teach_camera
+from noctule.geometry import Array, Pose
+from noctule.localization.detection.detector import Detector
+from noctule.localization.heading.pose import blob_position
+from noctule.simulation.ceiling import Motion, ThingPose, Walker, manual_flight
+from noctule.vision.depth import find_blobs
+
+FRAMES = 1200
+METHODS = ("cubics", "band", "hu", "tracked")
+_NEAR = 0.15  # [m], what is accepted within this of the drone is the drone
+_APART = 3  # [px] between outlines
+_VISIBLE = 0.95  # share of its outline that nothing hides
+_MIN_AREA = 40  # [px]
+_CARRIED = (0.9, 1.2)  # [m], heights of the tray
+
+Progress = Callable[[int], None]
+
+
+@dataclass(slots=True)
+class Tally:
+    """What one method said, frame by frame."""
+
+    right: list[int] = field(default_factory=list)  # acceptances of the drone, one at most is expected
+    wrong: list[int] = field(default_factory=list)  # acceptances of something else
+    times: list[float] = field(default_factory=list)  # [s]
+
+    def add(self, positions: Sequence[Array], drone: Array, seconds: float) -> None:
+        """Take what was accepted in a frame, as positions (3,) [m]."""
+        near = [float(np.linalg.norm(p[:2] - drone[:2])) < _NEAR for p in positions]
+        self.right.append(sum(near))
+        self.wrong.append(len(near) - sum(near))
+        self.times.append(seconds)
+
+    def figures(self, apart: NDArray[np.bool_]) -> dict[str, float]:
+        """Return the figures; `apart` (n,) are the frames in which the drone can be seen apart."""
+        right, wrong = np.array(self.right), np.array(self.wrong)
+        only = (right == 1) & (wrong == 0)
+        return {
+            "detected": float((right[apart] > 0).mean()),
+            "false_per_frame": float(wrong.mean()),
+            "only_drone": float(only[apart].mean()),
+            "frame_ms": 1e3 * float(np.median(self.times)),
+            "longest_false_s": longest(wrong > 0) / RATE,
+        }
+
+
+def longest(flags: NDArray[np.bool_]) -> int:
+    """Return the length of the longest run of True."""
+    best = run = 0
+    for flag in flags:
+        run = run + 1 if flag else 0
+        best = max(best, run)
+    return best
+
+
+def company(rng: np.random.Generator) -> tuple[Motion, ...]:
+    """Draw a person, a box that is pushed and a tray that is carried, on ellipses through the view."""
+
+    def walker(**kind: Any) -> Walker:
+        return Walker(
+            (float(rng.uniform(-0.3, 0.5)), float(rng.uniform(-0.3, 0.5))),
+            (float(rng.uniform(0.5, 1.1)), float(rng.uniform(0.4, 0.9))),
+            turn=float(rng.uniform(-math.pi, math.pi)),
+            start=float(rng.uniform(0.0, 5.0)),
+            **kind,
+        )
+
+    return (
+        walker(speed=float(rng.uniform(0.5, 0.9)), look=int(rng.integers(4))),
+        walker(kind="box", speed=float(rng.uniform(0.1, 0.3))),
+        walker(kind="tray", speed=-float(rng.uniform(0.3, 0.6)), z=float(rng.uniform(*_CARRIED))),
+    )
+
+
+def is_apart(taught: TaughtCamera, pose: Pose, things: Sequence[ThingPose]) -> bool:
+    """Return whether the drone can be seen apart, by exact depths that no method is shown."""
+    stage = taught.stage
+    empty, both, others = stage.exact(None), stage.exact(pose, things), stage.exact(None, things)
+    outline = stage.exact(pose) != empty
+    shown = both != others
+    border = np.ones_like(outline)
+    border[_APART:-_APART, _APART:-_APART] = False
+    if not outline.any() or (outline & border).any() or shown.sum() < _VISIBLE * outline.sum():
+        return False
+    wide = cv2.dilate(outline.astype(np.uint8), np.ones((2 * _APART + 1, 2 * _APART + 1), np.uint8))
+    return not bool(((wide > 0) & (others != empty)).any())
+
+
+def measure_detection(
+    seed: int, hull: bool, frames: int = FRAMES, progress: Progress = lambda _: None
+) -> dict[str, Any]:
+    """Return the figures of one seed, by method, and the share of frames in which the drone is apart."""
+    taught = teach_camera(seed, hull)
+    rng = np.random.default_rng([seed, 8])
+    things_that_move = company(rng)
+    locator = taught.locator()
+    detectors: tuple[Detector, ...] = (taught.detectors.cubics, taught.detectors.band, taught.detectors.hu)
+    tallies = {name: Tally() for name in METHODS}
+    flight = manual_flight(seed + 1_000_000, frames / RATE, RATE, taught.stage.spec)
+    apart = np.zeros(frames, dtype=bool)
+    for k, (stamp, (_, pose)) in enumerate(zip(stamps(taught.stamp, frames), flight, strict=True)):
+        things = tuple(thing.at(stamp) for thing in things_that_move)
+        frame = taught.stage.frame(stamp, pose, things)
+        apart[k] = is_apart(taught, pose, things)
+        started = time.perf_counter()
+        _, blobs = find_blobs(frame.depth, taught.background, taught.camera.intrinsics, min_area=_MIN_AREA)
+        found = time.perf_counter() - started
+        for detector in detectors:
+            started = time.perf_counter()
+            accepted = detector.propose(blobs, taught.camera)
+            spent = time.perf_counter() - started
+            where = [blob_position(blob, taught.camera) for blob in accepted]
+            tallies[detector.name].add(where, pose.position, found + spent)
+        started = time.perf_counter()
+        located = locator.step(frame)
+        spent = time.perf_counter() - started
+        seen = located.measurement
+        tallies["tracked"].add([] if seen is None else [seen.position], pose.position, spent)
+        progress(k + 1)
+    return {"apart": float(apart.mean()), **{name: tallies[name].figures(apart) for name in METHODS}}

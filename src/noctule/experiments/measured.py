@@ -1,0 +1,58 @@
+"""The experiments in which nothing is flown to an end but something is measured: figures for every seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import Field
+
+from noctule.experiments.loc_detection import FRAMES, measure_detection
+from noctule.experiments.loc_pose import POSES, measure_poses
+from noctule.settings import Settings
+
+
+class CeilingOptions(Settings):
+    """What may be asked of an experiment below the ceiling camera."""
+
+    hull: bool = Field(False, description="the drone wears its indoor hull")
+
+
+class PoseOptions(CeilingOptions):
+    """What may be asked of loc-pose."""
+
+    person: bool = Field(False, description="somebody stands at 0.4 to 0.75 m from the drone")
+    poses: int = Field(POSES, ge=1, le=100_000, description="poses that are measured")
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredExperiment:
+    """An experiment that returns figures."""
+
+    title: str
+    options: type[Settings]
+    measure: Callable[[int, Any, Callable[[int], None]], Mapping[str, Any]]  # seed, options, progress
+    steps: Callable[[Any], int]  # how many progress counts to, by options
+
+
+def _detection(seed: int, options: CeilingOptions, progress: Callable[[int], None]) -> Mapping[str, Any]:
+    return measure_detection(seed, options.hull, progress=progress)
+
+
+def _poses(seed: int, options: PoseOptions, progress: Callable[[int], None]) -> Mapping[str, Any]:
+    return measure_poses(seed, options.hull, options.person, options.poses, progress)
+
+
+MEASURED: dict[str, MeasuredExperiment] = {
+    "loc-detection": MeasuredExperiment(
+        "6.1: which blob is the drone, beside a person, a box and a tray.",
+        CeilingOptions,
+        _detection,
+        lambda _: FRAMES,
+    ),
+    "loc-pose": MeasuredExperiment(
+        "How true the pose of a single frame is.", PoseOptions, _poses, lambda options: options.poses
+    ),
+}
+"""The experiments by the name that `noctule experiment` takes."""
