@@ -56,6 +56,6 @@ def flight(frames: int = 150, more: tuple[Box, ...] = ()) -> list[np.ndarray]:
     images = []
     for k in range(frames):
         t = 2.0 * np.pi * k / frames
-        drone = (0.4 * np.cos(3 * t), 0.4 * np.sin(2 * t), 1.1 - 0.7 * np.cos(5 * t), 0.5, 0.4)
+        drone = (0.2 * np.cos(3 * t), 0.3 * np.sin(2 * t), 1.1 - 0.7 * np.cos(5 * t), 0.5, 0.4)
         images.append(depth([drone, *more], 1000 + k))
     return images

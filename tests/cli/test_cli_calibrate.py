@@ -193,7 +193,7 @@ def test_a_flight_by_hand_becomes_the_detectors_and_fig_11(site):
 
 
 def test_a_flight_with_company_teaches_no_detector(site):
-    leave(Path("flight"), flight(more=((-0.9, 0.8, 0.6, 0.3, 0.4),)))
+    leave(Path("flight"), flight(more=((-0.9, 1.1, 0.6, 0.3, 0.4),)))
     said = site("calibrate", "detector", "--folder", "flight", "--site", "s")
     assert said.code == 2
     assert said.err.startswith(

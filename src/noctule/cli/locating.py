@@ -36,14 +36,16 @@ def locate_drone(
     options: SourceOptions, site: Path, detector: str, frames: bool, out: Path | None, json: bool
 ) -> int:
     """Locate the drone in every frame, tell and record it; 0 when it was seen at all."""
+    from noctule.localization.site import load_site, straightened
+
+    known = load_site(site)
+    camera = known.camera.camera
+
     from noctule.flight.depth_recording import DepthRecorder
     from noctule.flight.interrupt import interruptible
     from noctule.localization.locator import Locator
-    from noctule.localization.site import load_site, straightened
 
     source = depth_source(options, "locate", "path", SECONDS)
-    known = load_site(site)
-    camera = known.camera.camera
     require_same_camera(source, camera)
     locator = Locator(
         camera,
