@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from localization_rays import PERSON, Thing
 from localization_sightings import drone_seen
 
 from noctule.camera import CEILING_CAMERA
-from noctule.geometry import Pose, wrap_angle
+from noctule.geometry import wrap_angle
 from noctule.localization.heading.markers import MarkerHeading
 from noctule.localization.heading.sighting import Sighting
 from noctule.messages import DepthFrame
+from noctule.simulation.ceiling import ThingPose
 
 MARKERS = MarkerHeading()
 RED, BLUE, GREY = (200, 20, 25), (20, 30, 190), (120, 120, 118)
-TOP = 0.05  # [m], of the ray-cast drone over its origin
+TOP = 0.03  # [m], of the drone's body over its origin
 
 
 def painted(
@@ -45,7 +45,7 @@ PLACE = np.array([0.2, 0.3, 1.2])
 SEEN = painted(drone_seen(PLACE, 0.6), PLACE, 0.6)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.floats(-3.14, 3.14), st.floats(-0.4, 0.5), st.floats(-0.6, 0.7), st.floats(0.5, 1.8))
 def test_the_heading_is_the_line_from_blue_to_red_anywhere_below_the_camera(yaw, x, y, z) -> None:
     place = np.array([x, y, z])
@@ -110,7 +110,7 @@ def test_holes_in_the_depth_of_a_marker_are_bridged_by_the_rest() -> None:
 
 
 def test_a_person_beside_the_drone_leaves_it_its_heading() -> None:
-    person = Thing(Pose(np.array([0.2, -0.35, 0.0]), 0.0), PERSON)
+    person = ThingPose("person", 0.2, -0.35)
     sighting = painted(drone_seen(PLACE, 0.6, things=(person,)), PLACE, 0.6)
     drone = SEEN.blob  # found before the person came
     assert np.degrees(abs(MARKERS.measure(replace(sighting, blob=drone)).yaw - 0.6)) < 3.0
