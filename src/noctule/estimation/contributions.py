@@ -14,8 +14,10 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from noctule.errors import NoctuleError
+from noctule.estimation.compiled import compiled
 from noctule.estimation.filter_state import SIZES, YAW, heading_bias_index
 from noctule.estimation.information_filter import contribution
 from noctule.estimation.measurements import Measurement, linearise
@@ -46,10 +48,16 @@ class Contribution:
     jump: Array | None = None  # (n,) j of the covariance j j' to be added before: see gating
 
 
+@compiled
+def linear_contribution(x: Array, components: NDArray[np.int64], z: Array, R: Array) -> tuple[Array, Array]:
+    """Return (i, I) of the numbers z (m,) with covariance R (m, m), linearised at x (n,)."""
+    residual, H = linearise(x, components, z)
+    return contribution(x, residual, H, R)
+
+
 def contribution_of(x: Array, measurement: Measurement, jump: Array | None = None) -> Contribution:
     """Return what `measurement` contributes, linearised at x (n,); it keeps the measurement's id."""
-    residual, H = linearise(x, measurement.components, measurement.z)
-    i, I = contribution(x, residual, H, measurement.R)  # noqa: E741
+    i, I = linear_contribution(x, measurement.components, measurement.z, measurement.R)  # noqa: E741
     b = heading_bias_index(x.size)
     bias = float(x[b]) if b >= 0 else 0.0
     who, count = measurement.source, measurement.sequence

@@ -21,7 +21,7 @@ from noctule.estimation.contributions import Contribution
 from noctule.estimation.events import Event, Input, Key, Snapshot
 from noctule.estimation.filter_state import FilterError, StateEstimate
 from noctule.estimation.gating import GateSettings, judge
-from noctule.estimation.information_filter import assimilate, turned
+from noctule.estimation.information_filter import assimilate_turned
 from noctule.estimation.kalman_filter import correct, predict
 from noctule.estimation.measurements import Measurement, linearise
 from noctule.estimation.vehicle_model import ProcessNoise, VehicleModel
@@ -222,8 +222,7 @@ class DelayedFilter:
         if isinstance(event, Contribution):
             if event.jump is not None:
                 P = P + np.outer(event.jump, event.jump)
-            i = turned(event.i, event.I, x, event.yaw, event.heading_bias)
-            x1, P1 = assimilate(x, P, i, event.I)
+            x1, P1 = assimilate_turned(x, P, event.i, event.I, event.yaw, event.heading_bias)
         elif event is not None:
             kept: Measurement | None = event
             if self.settings.gate is not None:

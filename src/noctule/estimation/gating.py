@@ -113,17 +113,21 @@ def judge(
 
     `since` is that of the verdict before; it is not changed.
     """
-    d2, counts = surprises(x, P, measurement.components, measurement.z, measurement.R)
+    found, numbers = surprises(x, P, measurement.components, measurement.z, measurement.R)
+    d2, counts = found.tolist(), numbers.tolist()
+    limits = [chi_square_quantile(settings.confidence, count) if count else 0.0 for count in counts]
+    yaw_known = bool(P[YAW, YAW] <= settings.yaw_known**2)
+    if yaw_known and not since and d2[0] <= limits[0] and d2[1] <= limits[1] and d2[2] <= limits[2]:
+        return Verdict(measurement, None, (), since)  # as good as always
     refused, after, dropped, jump = [], since, [], None
-    for g, (name, surprise, count) in enumerate(zip(_NAMES, d2.tolist(), counts.tolist(), strict=True)):
-        if not count:
+    for g, (name, surprise, limit) in enumerate(zip(_NAMES, d2, limits, strict=True)):
+        if not counts[g]:
             continue
-        if name is Group.VELOCITY and P[YAW, YAW] > settings.yaw_known**2:
+        if name is Group.VELOCITY and not yaw_known:
             refused.append("yaw unknown")
             dropped.append(g)
             continue
         key = f"{measurement.source}/{name}"
-        limit = chi_square_quantile(settings.confidence, count)
         elapsed = max(0.0, measurement.stamp - after.get(key, measurement.stamp))
         if surprise <= limit * 2.0 ** min(_MOST_DOUBLINGS, elapsed / settings.widening_time):
             if surprise > limit:

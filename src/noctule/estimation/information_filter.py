@@ -109,41 +109,62 @@ def assimilate(x: Array, P: Array, i: Array, I: Array) -> tuple[Array, Array]:  
                 for b in range(k + 1):
                     IL[a, b] += f * L[k, b]
     M = np.eye(n)
-    for a in range(n):
-        for b in range(a + 1):
-            for k in range(a, n):
-                M[a, b] += L[k, a] * IL[k, b]
+    for k in range(n):
+        for a in range(k + 1):
+            f = L[k, a]
+            for b in range(a + 1):
+                M[a, b] += f * IL[k, b]
     C = cholesky(M)
     if np.isnan(L[0, 0]) or np.isnan(C[0, 0]):
         return np.full(n, np.nan), np.full((n, n), np.nan)
-    T = np.zeros((n, n))  # T C' = L, so that P1 = T T'
+    T = np.zeros((n, n))  # C T = L', so that P1 = T' T
+    P1 = np.zeros((n, n))
+    for b in range(n):
+        for a in range(b, n):
+            T[b, a] = L[a, b]
+        for k in range(b):
+            f = C[b, k]
+            for a in range(n):
+                T[b, a] -= f * T[k, a]
+        f = 1.0 / C[b, b]
+        for a in range(n):
+            T[b, a] *= f
+        for a in range(n):
+            f = T[b, a]
+            for c in range(a + 1):
+                P1[a, c] += f * T[b, c]
     for a in range(n):
-        for b in range(n):
-            t = L[a, b]
-            for k in range(b):
-                t -= T[a, k] * C[b, k]
-            T[a, b] = t / C[b, b]
-    P1 = np.empty((n, n))
-    for a in range(n):
-        for b in range(a + 1):
-            t = 0.0
-            for k in range(n):
-                t += T[a, k] * T[b, k]
-            P1[a, b] = t
-            P1[b, a] = t
+        for b in range(a):
+            P1[b, a] = P1[a, b]
     return refuse_unsound(x + times(P1, i - times(I, x)), P1)
 
 
+@compiled
 def turned(i: Array, I: Array, x: Array, yaw: float, heading_bias: float) -> Array:  # noqa: E741
     """Return `i` (n,) moved to the count of turns of `x`.
 
     `yaw` and `heading_bias` [rad] are where the contribution was linearised, as its sender counts.
     """
+    moved = i.copy()
     b = heading_bias_index(x.size)
-    off = abs(x[YAW] - yaw), abs(x[b] - heading_bias) if b >= 0 else 0.0
-    if max(off) < math.pi:  # as good as always
-        return i
-    turns = _TURN * round((float(x[YAW]) - yaw) / _TURN)
-    bias_turns = _TURN * round((float(x[b]) - heading_bias) / _TURN) if b >= 0 else 0.0
-    moved = i + turns * I[:, YAW]
-    return moved + bias_turns * I[:, b] if b >= 0 else moved
+    turns = round((x[YAW] - yaw) / _TURN)
+    bias_turns = round((x[b] - heading_bias) / _TURN) if b >= 0 else 0
+    for k in range(x.size):
+        if turns != 0:
+            moved[k] += turns * _TURN * I[k, YAW]
+        if bias_turns != 0:
+            moved[k] += bias_turns * _TURN * I[k, b]
+    return moved
+
+
+@compiled
+def assimilate_turned(
+    x: Array,
+    P: Array,
+    i: Array,
+    I: Array,  # noqa: E741
+    yaw: float,
+    heading_bias: float,
+) -> tuple[Array, Array]:
+    """Return `assimilate` of a contribution of another count of turns, see `turned`."""
+    return assimilate(x, P, turned(i, I, x, yaw, heading_bias), I)

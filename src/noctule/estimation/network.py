@@ -143,30 +143,32 @@ class Network:
             )
         pairs = [(a, b) for b in self.nodes for a in self.nodes if a != b]
         seeds = np.random.SeedSequence(seed).spawn(len(pairs))
-        self._links = {pair: Link(links, s) for pair, s in zip(pairs, seeds, strict=True)}
+        self._to: dict[str, dict[str, Link]] = {name: {} for name in self.nodes}  # receiver -> sender -> link
+        for (sender, receiver), s in zip(pairs, seeds, strict=True):
+            self._to[receiver][sender] = Link(links, s)
         # Senders repeat commands until they are through, so none is lost; a frozen node hears them late too.
-        lossless = np.random.SeedSequence(0)
-        self._links |= {(_COMMANDER, name): Link(PERFECT, lossless) for name in self.nodes}
+        for inward in self._to.values():
+            inward[_COMMANDER] = Link(PERFECT, np.random.SeedSequence(0))
 
     def measure(self, name: str, measurement: Measurement, now: float) -> Contribution | None:
         """Hand a node its sensor's measurement at `now` [s]; what it shares goes on its way."""
         shared = self.nodes[name].measure(measurement, now)
         if shared is not None:
-            for other in self.nodes:
+            for other, inward in self._to.items():
                 if other != name:
-                    self._links[name, other].send(shared, now)
+                    inward[name].send(shared, now)
         return shared
 
     def command(self, sent: Input, now: float) -> None:
         """Tell every node at `now` [s] a command that was sent to the vehicle."""
-        for name in self.nodes:
-            self._links[_COMMANDER, name].send(sent, now)
+        for inward in self._to.values():
+            inward[_COMMANDER].send(sent, now)
 
     def deliver(self, now: float, frozen: frozenset[str] = frozenset()) -> None:
         """Hand out what has arrived by `now` [s], first come first; what is for `frozen` nodes waits."""
         for name, node in self.nodes.items():
             if name in frozen:
                 continue
-            arrived = [pair for (_, to), link in self._links.items() if to == name for pair in link.due(now)]
+            arrived = [pair for link in self._to[name].values() for pair in link.due(now)]
             for at, message in sorted(arrived, key=itemgetter(0)):
                 node.receive(message, at)

@@ -97,6 +97,8 @@ def axis_step(k: float, dt: float) -> tuple[float, float, float, float, float, f
             h_sum += term / ((m + 1) * (m + 2))
             q_sum += term * (2.0 ** (m + 2) - 2.0) / ((m + 1) * (m + 2) * (m + 3))
             term *= -u / (m + 1)
+            if abs(term) * 2.0**m < 1e-18:
+                break
         g, h, q_pp = dt * g_sum, dt * dt * h_sum, dt**3 * q_sum
         q_vv = dt
         if u > 0.0:
