@@ -13,6 +13,7 @@ from flight_walk import CAMERA, path_of, photographs
 
 from noctule.camera import PinholeCamera
 from noctule.flight.mission import load_mission
+from noctule.flight.mission_flight import fly_mission
 from noctule.flight.path_check import (
     Fault,
     PathCheckError,
@@ -20,6 +21,7 @@ from noctule.flight.path_check import (
     check_path,
     link_fault,
     measure_path,
+    require_seen,
     require_sound,
 )
 from noctule.flight.path_folder import PathCameraError, load_path
@@ -134,6 +136,44 @@ def test_a_path_of_another_camera_than_the_missions_is_refused(tmp_path):
         f"path {folder}: it was taken by a camera with fx 400 px, the mission's has 510; fly it with the "
         "camera that took it or teach the path again"
     ]
+
+
+def test_a_picture_that_is_cut_off_is_one_line_though_its_hash_was_mended(folder, capfd):
+    picture, text = (folder / "001.png").read_bytes(), (folder / "path.toml").read_text()
+    cut = picture[: len(picture) // 2]
+    (folder / "001.png").write_bytes(cut)
+    old, new = (hashlib.sha256(data).hexdigest() for data in (picture, cut))
+    (folder / "path.toml").write_text(text.replace(old, new))
+    assert lines(folder) == [
+        f"path {folder}: image 001.png is no picture that can be decoded; teach the path again"
+    ]
+    assert capfd.readouterr().err == ""
+
+
+def test_what_is_seen_at_the_start_must_show_in_one_of_the_images(folder):
+    path = load_path(folder)
+    (seen,) = photographs(0, (0.9, 0.1, 5.0))
+    require_seen(path, seen, "path walk")
+    for pixels, told in (
+        (np.zeros_like(seen), "000.png where 0 of 0 features that look alike agree on one scene"),
+        (photographs(5, *GOOD)[0], r"00\d.png where \d+ of \d+ features that look alike agree on one scene"),
+    ):
+        with pytest.raises(PathCheckError) as caught:
+            require_seen(path, pixels, "path walk")
+        assert re.fullmatch(
+            r"path walk: none of its 4 images shows what the camera sees at the start, nearest is "
+            rf"{told}, at least 50% must; is it from this room\? start nearer to it or teach the path again",
+            str(caught.value),
+        )
+
+
+def test_a_path_of_another_room_is_refused_before_anything_is_flown_or_recorded(folder, tmp_path):
+    mission = load_mission("two-columns")
+    path = mission.path.model_copy(update={"folder": folder, "poses": None})
+    mission = mission.model_copy(update={"path": path})
+    with pytest.raises(PathCheckError, match="none of its 4 images shows what the camera sees at the start"):
+        fly_mission(mission, 5, tmp_path / "out", progress=False)
+    assert not (tmp_path / "out" / "flight.mcap").exists()
 
 
 def test_a_picture_of_another_size_is_named(folder):

@@ -21,7 +21,7 @@ from noctule.flight.codec import encode_pose
 from noctule.flight.flown import Aborted, Flown
 from noctule.flight.loop import LoopSettings, fly
 from noctule.flight.mission import Mission
-from noctule.flight.path_check import require_sound
+from noctule.flight.path_check import require_seen, require_sound
 from noctule.flight.path_folder import load_path, load_truth
 from noctule.flight.progress import flight_progress
 from noctule.flight.recording import FlightRecorder
@@ -97,19 +97,13 @@ def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
         land_at_end=mission.flight.land,
         height=mission.start.z,
     )
-    recording = set_aside(out / "flight.mcap")
-    kept = mission.recording
+    recording, kept = out / "flight.mcap", mission.recording
     with (
-        SimulatedWorld(
-            mission.room, mission.vehicle, mission.camera, mission.start.pose(seed), seed
-        ) as world,
-        world.vehicle,
-        FlightRecorder(recording, lossless=kept.lossless, jpeg_quality=kept.jpeg_quality) as recorder,
+        _world(mission, taught, folder) as world,
+        FlightRecorder(
+            set_aside(recording), lossless=kept.lossless, jpeg_quality=kept.jpeg_quality
+        ) as recorder,
     ):
-        world.camera.open()
-        world.photograph(
-            mission.start.nominal
-        )  # the room is painted before the flight, not in its first tick
         _note_beginning(recorder, mission, folder, truth)
         rig = Rig(world.clock, world.vehicle, world.camera, world.referee)
         with flight_progress(progress, settings.time_limit_s) as show:
@@ -125,6 +119,23 @@ def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
         if flown.error is not None:
             raise flown.error
     return FlightResult(summary, recording, out)
+
+
+@contextmanager
+def _world(mission: Mission, path: VisualPath, folder: Path) -> Iterator[SimulatedWorld]:
+    """Give the room with the vehicle in hover and its camera open; a path of another room is refused."""
+    seed = mission.flight.seed
+    start = mission.start.pose(seed)
+    with (
+        SimulatedWorld(mission.room, mission.vehicle, mission.camera, start, seed) as world,
+        world.vehicle,
+    ):
+        world.camera.open()
+        # The room is painted now, not in the flight's first tick.
+        seen = world.photograph(start).pixels
+        if mission.path.folder is not None:
+            require_seen(path, seen, f"path {folder}")
+        yield world
 
 
 def warm_up(mission: Mission, path: VisualPath) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from noctule.errors import NoctuleError
 from noctule.flight.feature_cache import FEWEST_SHARED
@@ -21,6 +22,7 @@ from noctule.flight.path_folder import (
     read_picture,
 )
 from noctule.pilots.visual_path import VisualPath
+from noctule.vision.features import detect
 from noctule.vision.links import PARTS, LinkQuality, measure_link
 from noctule.vision.matching import match_robust
 
@@ -85,6 +87,23 @@ def check_path(path: VisualPath) -> list[Fault]:
 def require_sound(path: VisualPath, where: str) -> None:
     """Raise PathCheckError, with every fault in its one line, unless the path can be repeated."""
     refuse(check_path(path), where)
+
+
+def require_seen(path: VisualPath, pixels: NDArray[np.uint8], where: str) -> None:
+    """Raise PathCheckError unless what the camera sees before the flight shows in one of the key images."""
+    seen = detect(pixels, path.images[0].features.kind)
+    agree, alike, nearest = -1, -1, ""
+    for image in path.images:
+        found = match_robust(image.features, seen, path.camera)
+        if len(found) > 0 and len(found) >= LEAST_SHARE * found.n_ratio:
+            return
+        if (len(found), found.n_ratio) > (agree, alike):
+            agree, alike, nearest = len(found), found.n_ratio, image.name
+    raise PathCheckError(
+        f"{where}: none of its {len(path.images)} images shows what the camera sees at the start, nearest is "
+        f"{nearest} where {agree} of {alike} features that look alike agree on one scene, at least "
+        f"{LEAST_SHARE:.0%} must; is it from this room? start nearer to it or teach the path again"
+    )
 
 
 def refuse(faults: Sequence[Fault], where: str) -> None:

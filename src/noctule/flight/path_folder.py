@@ -140,7 +140,9 @@ def read_picture(folder: Path, entry: ImageEntry, camera: CameraEntry) -> NDArra
             f"{where} was changed after the path was taught: its sha256 is {found[:12]}..., path.toml says "
             f"{entry.sha256[:12]}...; restore it or teach the path again"
         )
-    bgr = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
+    # One that was cut off is not tried: the decoder would complain on standard error by itself.
+    whole = not data.startswith(b"\x89PNG") or b"IEND" in data[-12:]
+    bgr = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if whole else None
     if bgr is None:
         raise PathFolderError(f"{where} is no picture that can be decoded; teach the path again")
     if bgr.shape[:2] != (camera.height, camera.width):
