@@ -32,7 +32,7 @@ from noctule.vision.depth.blobs import find_blobs
 MIN_AREA = 15  # [px], of a piece: rotors far from the camera are small
 _ENOUGH = 0.6  # share of the frames that must show both markers
 _SURE = 5.0  # times its own error must the evidence for a turn be
-_START = 15  # frames that the heading at the start is taken from
+_START = 0.5  # [s] of the flight that the heading at the start is taken from
 _NEAR = np.radians(60.0)  # the heading at the start may be said so roughly
 _SPEED = 0.15  # [m/s], below it the way flown has no direction
 _AHEAD = 0.3  # mean cosine between nose and way that tells nose from tail
@@ -87,7 +87,7 @@ def first_poses(
     yaw, method = _followed(sightings)
     stamps = np.array([frame.stamp for frame in frames])
     anchor: Anchor = "displacement" if start_yaw is None else "start"
-    turned = _backwards(stamps, where, yaw) if start_yaw is None else _turned_at_start(yaw, start_yaw)
+    turned = _backwards(stamps, where, yaw) if start_yaw is None else _turned_at_start(stamps, yaw, start_yaw)
     return _assembled(where, yaw + (HALF_TURN if turned else 0.0), method, anchor)
 
 
@@ -150,11 +150,12 @@ def _mean_and_error(values: Array) -> tuple[float, float]:
     return float(values.mean()), float(values.std() / np.sqrt(max(len(values) / 10.0, 1.0)))
 
 
-def _turned_at_start(yaw: Array, start_yaw: float) -> bool:
-    first = yaw[np.isfinite(yaw)][:_START]
-    if not len(first):
+def _turned_at_start(stamps: Array, yaw: Array, start_yaw: float) -> bool:
+    """Return whether the tail is where the nose was said to be."""
+    known = np.isfinite(yaw)
+    if not known.any():
         return False
-    seen = float(np.median(first))
+    seen = float(np.median(yaw[known & (stamps <= stamps[known][0] + _START)]))
     off = wrap_angle(seen - start_yaw)
     turned = abs(off) > QUARTER_TURN
     if abs(wrap_angle(off + HALF_TURN) if turned else off) > _NEAR:
