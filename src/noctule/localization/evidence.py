@@ -48,6 +48,7 @@ class Evidence:
     """A frame's readings, counted in a grid laid out in the axes of a supposed pose."""
 
     pose: Pose  # supposed
+    distance: float  # [m], of that from the camera, along its axis
     grid: Grid
     drone: Map  # (n, n), area [cells] of the drone readings in a cell: about 1 where all of it is drone
     free: Map  # (n, n), the same of readings that see past the cell
@@ -67,14 +68,14 @@ def gather(
     n = grid.n
     drone, free, height = (np.zeros((n, n), dtype=np.float32) for _ in range(3))
     left, top, right, bottom = window(camera, pose, grid)
-    distance = float(R_body_camera[:, 2] @ -t_body_camera)
+    distance = -float(R_body_camera[:, 2] @ t_body_camera)
     if left < right and top < bottom and distance > 0.0:
         stride = max(1, int(grid.cell * k.fx / (_PIXELS_PER_CELL * distance)))
         _count(
             depth, nearest, (k.fx, k.fy, k.cx, k.cy), R_body_camera, t_body_camera,
             (left, top, right, bottom), stride, grid.cell, grid.plane, BAND, BELOW, drone, free, height,
         )  # fmt: skip
-    return Evidence(pose, grid, drone, free, height)
+    return Evidence(pose, distance, grid, drone, free, height)
 
 
 def window(camera: FixedCamera, pose: Pose, grid: Grid) -> tuple[int, int, int, int]:

@@ -215,16 +215,17 @@ def misfit(
     pose: Array,
     fitted: Array,
     height_sd: float,
-) -> float:
-    """Return how badly the template at a pose fits, outline and surface: half a sum of squares over variances.
+) -> tuple[float, float, float]:
+    """Return how badly outline and surface fit at a pose, half sums of squares over variances, and the cells' weight
+    that the latter is summed over.
 
-    `fitted` (3,) is the surface's height offset [m] and slopes, `height_sd` [m] the spread of a cell's height;
+    `weight` and `solid` weight the template's cells in the two. `fitted` (3,) is the surface's height offset [m] and slopes, `height_sd` [m] the spread of a cell's height;
     beyond three of it a cell is something else.
     """
     n, m = share.shape[0], probability.shape[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
     inverse = 1.0 / cell
-    outline, relief = 0.0, 0.0
+    outline, relief, total = 0.0, 0.0, 0.0
     most = (3.0 * height_sd) ** 2
     for i in range(n):
         x = (i + 0.5 - 0.5 * n) * cell - pose[0]
@@ -238,10 +239,10 @@ def misfit(
             if fi < 0.0 or fj < 0.0 or fi >= m or fj >= m:
                 continue
             a, b = int(fi), int(fj)
-            if weight[a, b] == 0.0:
-                continue
-            outline += t * (share[i, j] - probability[a, b]) ** 2 / (variance[a, b] + FLOOR)
+            outline += weight[a, b] * t * (share[i, j] - probability[a, b]) ** 2 / (variance[a, b] + FLOOR)
             if drone[i, j] > 0.2 and solid[a, b] > 0.0:
                 r = height[i, j] / drone[i, j] - surface[a, b] - (fitted[0] + fitted[1] * qx + fitted[2] * qy)
-                relief += solid[a, b] * min(drone[i, j], 1.0) * min(r * r, most)
-    return 0.5 * (outline + relief / height_sd**2)
+                w = solid[a, b] * min(drone[i, j], 1.0)
+                relief += w * min(r * r, most)
+                total += w
+    return 0.5 * outline, 0.5 * relief / height_sd**2, total

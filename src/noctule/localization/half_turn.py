@@ -1,6 +1,6 @@
 """Which of two headings half a turn apart is right: evidence summed over frames.
 
-A single frame is wrong in one of a hundred (bare) to one of fifty (hull); the sum is not. It is bounded, so that a
+A single frame is wrong in one of a hundred (bare) to one of twelve (hull); the sum is not. It is bounded, so that a
 slip after an hour of certainty is noticed as fast as one after a second.
 """
 
@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-CERTAIN = 1.5  # evidence that decides: three frames of usual evidence, and seven spreads of one frame's
-MOST = 2.5  # more is not kept: from here to a slip noticed, -CERTAIN, it is seven frames of usual evidence
-_PER_FRAME = 1.0  # one frame does not say more
+CERTAIN = 1.0  # evidence that decides: three usual frames
+MOST = 1.6  # more is not kept: from here to a slip noticed, -CERTAIN, it takes eight usual frames
+_PER_FRAME = 0.7  # one frame does not say more
 
 
 class Facing(StrEnum):

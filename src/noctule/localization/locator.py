@@ -46,17 +46,24 @@ class LocatorSettings(Settings):
     """When the locator believes what it sees."""
 
     min_ratio: float = Field(
-        default=1.0 / 3.0, ge=0.0, le=1.0, description="score over nominal below which a tracked drone is lost"
+        default=1.0 / 3.0, ge=0.0, le=1.0, description="score over nominal below which the drone is lost"
     )
-    max_misfit: float = Field(
-        default=1.0, gt=0.0, le=10.0, description="misfit per cell above which a tracked drone is lost"
+    max_relief: float = Field(
+        default=1.4, gt=0.0, le=4.5, description="misfit of the surface, per cell, above which the drone is lost"
     )
     min_visible: float = Field(
         default=0.25, ge=0.0, le=1.0, description="share of the drone that must be seen while it is tracked"
     )
-    start_ratio: float = Field(default=0.55, ge=0.0, le=2.0, description="score over nominal of a drone found anew")
-    start_misfit: float = Field(default=0.75, gt=0.0, le=10.0, description="misfit per cell of a drone found anew")
-    start_visible: float = Field(default=0.45, ge=0.0, le=1.0, description="share seen of a drone found anew")
+    sure_ratio: float = Field(default=0.5, ge=0.0, le=2.0, description="score over nominal that leaves no doubt")
+    max_doubt: float = Field(default=0.25, ge=0.0, le=5.0, description="[s], longest time in doubt")
+    start_ratio: float = Field(default=0.6, ge=0.0, le=2.0, description="score over nominal of a drone found anew")
+    start_outline: float = Field(
+        default=0.65, gt=0.0, le=10.0, description="misfit of the outline of a drone found anew"
+    )
+    start_relief: float = Field(
+        default=1.2, gt=0.0, le=4.5, description="misfit of the surface of a drone found anew"
+    )
+    start_visible: float = Field(default=0.5, ge=0.0, le=1.0, description="share seen of a drone found anew")
     start_frames: int = Field(default=3, ge=1, le=30, description="in a row that must agree on a drone found anew")
     coast: float = Field(default=0.5, ge=0.0, le=5.0, description="[s], an unseen drone is looked for where it was")
     min_area: int = Field(default=150, ge=1, le=100000, description="[px], smaller blobs are not proposed")
@@ -75,7 +82,8 @@ class LocatorDiagnostics:
     """What was thought of a frame; recorded and drawn, never flown on."""
 
     ratio: float = math.nan  # score over nominal
-    misfit: float = math.nan  # per cell
+    outline: float = math.nan  # misfit per cell
+    relief: float = math.nan  # misfit per cell
     visible: float = math.nan  # share of the drone
     half_turn: float = 0.0  # sum of the evidence for the heading held
     roll: float = 0.0  # [rad], as seen
@@ -127,6 +135,7 @@ class Locator:
         self._track: Track | None = None
         self._candidate: tuple[Track, int] | None = None  # and the frames that agreed
         self._seen = False
+        self._sure = 0.0  # [s], when a frame last left no doubt
 
     @property
     def track(self) -> Track | None:
@@ -144,7 +153,7 @@ class Locator:
             expected = merged(self._track, frame.stamp, prediction)
             found = self._look(scene, expected)
             looked = _diagnostics(found)
-            reason = self._doubt(found, expected)
+            reason = self._doubt(frame.stamp, found, expected)
             if not reason:
                 self._candidate = None
                 return self._accept(frame.stamp, self._track.follow(frame.stamp, found), found)
@@ -158,18 +167,21 @@ class Locator:
         reach = min(max(math.ceil(2.0 * wide / _STEP), 1), _MOST_STEPS)
         return register(scene, expected.pose, reach=reach)
 
-    def _doubt(self, found: Registration, expected: Prediction) -> str:
+    def _doubt(self, stamp: float, found: Registration, expected: Prediction) -> str:
         """Return why what was found where the drone must be is not it, "" when it is."""
         s = self.settings
         if found.visible < s.min_visible:
             return self._unseen(found)
-        if found.ratio < s.min_ratio:
+        doubtful = stamp - self._sure
+        if found.ratio >= s.sure_ratio:
+            self._sure = stamp
+        elif found.ratio < s.min_ratio or doubtful > s.max_doubt:
             return (
-                f"score below a third: {100.0 * found.ratio:.0f} % of what the drone would score, "
-                f"expected at least {100.0 * s.min_ratio:.0f} %"
+                f"low score: {100.0 * found.ratio:.0f} % of what the drone would score for {doubtful:.2f} s, "
+                f"expected at least {100.0 * s.min_ratio:.0f} %, or {100.0 * s.sure_ratio:.0f} % in the long run"
             )
-        if found.misfit > s.max_misfit:
-            return f"another shape: misfit {found.misfit:.2f} a cell, expected at most {s.max_misfit:.2f}"
+        if found.relief > s.max_relief:
+            return f"another shape: surface misfit {found.relief:.2f}, expected at most {s.max_relief:.2f}"
         jump = float(np.linalg.norm(found.pose.position - expected.pose.position))
         far = 0.1 + 3.0 * math.sqrt(float(expected.covariance[:3, :3].trace()))
         if jump > far:
@@ -204,7 +216,7 @@ class Locator:
             return self._without(stamp, reason or _nothing(len(blobs), len(proposed)), looked)
         track, agreed = self._agreed(stamp, best)
         if agreed >= self.settings.start_frames:
-            self._candidate = None
+            self._candidate, self._sure = None, stamp
             return self._accept(stamp, track, best, len(proposed))
         self._candidate = (track, agreed)
         confirming = f"confirming: a drone was found in {agreed} of {self.settings.start_frames} frames"
@@ -224,8 +236,8 @@ class Locator:
 
     def _is_start(self, found: Registration) -> bool:
         s = self.settings
-        seen = found.visible >= s.start_visible
-        return seen and found.ratio >= s.start_ratio and found.misfit <= s.start_misfit
+        seen = found.visible >= s.start_visible and found.ratio >= s.start_ratio
+        return seen and found.outline <= s.start_outline and found.relief <= s.start_relief
 
     def _position(self, blob: Blob) -> Array:
         """Return where the body's origin would be if the blob were the drone, (3,) [m]."""
@@ -258,7 +270,7 @@ class Locator:
 
 def _diagnostics(found: Registration) -> LocatorDiagnostics:
     pose: Pose = found.pose
-    return LocatorDiagnostics(found.ratio, found.misfit, found.visible, 0.0, pose.roll, pose.pitch)
+    return LocatorDiagnostics(found.ratio, found.outline, found.relief, found.visible, 0.0, pose.roll, pose.pitch)
 
 
 def _nothing(blobs: int, proposed: int) -> str:

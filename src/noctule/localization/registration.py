@@ -18,7 +18,7 @@ from noctule.camera import FixedCamera
 from noctule.geometry import Array, Pose, rot_x, rot_y, rot_z, wrap_angle
 from noctule.localization import scoring
 from noctule.localization.evidence import Evidence, Map, gather
-from noctule.localization.matcher import SURFACE_SD, Matcher
+from noctule.localization.matcher import SURFACE_SD, Matcher, Seen
 from noctule.messages import DepthFrame
 
 NEAR = np.radians(np.arange(-40.0, 41.0, 10.0))
@@ -41,8 +41,9 @@ class Registration:
     score: float  # sum of log-likelihood ratios
     ratio: float  # score over what the seen cells would give if the pose were right; 1 is usual
     visible: float  # share of the template that was seen, drone or free
-    misfit: float
-    half_turn: float  # by how much the half turn fits worse; 1 is usual, 0 undecided, negative: it fits better
+    outline: float  # misfit of the outline, per cell seen
+    relief: float  # misfit of the surface, per cell seen; about a half is usual, 4.5 the most
+    half_turn: float  # by how much the half turn fits worse; a third is usual, negative: it fits better
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,11 @@ class _View:
     evidence: Evidence
     share: Map
     trust: Map
+
+    @property
+    def seen(self) -> Seen:
+        """Share, trust, drone and height of the cells."""
+        return self.share, self.trust, self.evidence.drone, self.evidence.height
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,10 +112,11 @@ def acquire(scene: Scene, position: Array, reach: int = 3) -> Registration:
     # Blocks of 4 cm leave open which quarter turn is best: all four are refined.
     quarter = len(ALL) // 4
     found = [
-        matcher.refine(view.share, view.trust, starts[(first + k * quarter) % len(ALL)]) for k in range(4)
+        matcher.refine(view.share, view.trust, starts[(first + k * quarter) % len(ALL)])[0] for k in range(4)
     ]
-    best = max(found, key=lambda answer: _score(matcher, view, answer[0]))
-    return _completed(scene, view, *best)
+    best = max(found, key=lambda at: _score(matcher, view, at))
+    # Once more in its own axes, with the tilt that was not known.
+    return register(scene, _moved(view.evidence.pose, best, _surface(matcher, view, best)[0]))
 
 
 def _completed(scene: Scene, view: _View, at: Array, information: Array) -> Registration:
@@ -130,7 +137,7 @@ def _completed(scene: Scene, view: _View, at: Array, information: Array) -> Regi
         score,
         score / nominal if nominal > 0.0 else 0.0,
         min(seen / matcher.seen, 1.0),
-        _misfit(matcher, view, at, surface) / max(seen, 1.0),
+        *matcher.misfits(view.seen, at, surface, view.evidence.distance),
         _half_turn(matcher, view, at, surface),
     )
 
@@ -148,19 +155,15 @@ def _surface(matcher: Matcher, view: _View, at: Array) -> tuple[Array, float]:
     return matcher.surface(view.evidence.drone, view.evidence.height, at)
 
 
-def _misfit(matcher: Matcher, view: _View, at: Array, surface: Array) -> float:
-    e = view.evidence
-    return matcher.misfit(view.share, view.trust, e.drone, e.height, at, surface)
-
-
 def _half_turn(matcher: Matcher, view: _View, at: Array, surface: Array) -> float:
     """Return by how much the half turn fits worse than `at`, over what it would if all were seen."""
     if matcher.half_turn <= 0.0:
         return 0.0
     turned, _ = matcher.refine(view.share, view.trust, at + np.array([0.0, 0.0, math.pi]))
     other = _surface(matcher, view, turned)[0]
-    loss = _misfit(matcher, view, turned, other) - _misfit(matcher, view, at, surface)
-    return loss / matcher.half_turn
+    distance = view.evidence.distance
+    here = matcher.contrast(view.seen, at, surface, distance)
+    return (matcher.contrast(view.seen, turned, other, distance) - here) / matcher.half_turn
 
 
 def _moved(pose: Pose, at: Array, surface: Array) -> Pose:
