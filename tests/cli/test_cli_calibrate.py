@@ -57,7 +57,10 @@ def test_options_that_name_no_source_or_do_not_go_together_are_one_line(noctule,
 def test_sources_that_are_not_there_are_one_line(noctule):
     leave_site(Path("s"))
     said = noctule("calibrate", "background", "--recording", "no.mcap", "--out", "s", "--json")
-    line = "recording no.mcap: cannot be read (No such file or directory); expected the .mcap file of a depth camera"
+    line = (
+        "recording no.mcap: cannot be read (No such file or directory); expected the .mcap file of a depth "
+        "camera"
+    )
     assert (said.code, said.err) == (2, f"noctule: {line}\n")
     assert said.last_json == {"error": line}
     assert noctule("calibrate", "background", "--folder", "no", "--out", "s").err.startswith(

@@ -14,6 +14,8 @@ from noctule.camera import PinholeCamera
 from noctule.localization.health import (
     Expected,
     FrameHealth,
+    Sieve,
+    UnusableFramesError,
     check_camera,
     check_frame,
     name_of,
@@ -200,3 +202,29 @@ def test_a_bad_frame_does_not_count_as_a_look_at_the_camera():
     health = FrameHealth(CAMERA, learned())
     assert name_of(health.check(DepthFrame(0.0, floor() * 0))) == "all zero"
     assert name_of(health.check(DepthFrame(0.1, floor(np.radians(3.0))))) == "moved camera"
+
+
+def test_a_sieve_lets_sound_frames_through_and_counts_the_others_by_name():
+    sieve = Sieve(lambda frame: check_frame(frame, Expected.of(CAMERA)))
+    frames = [DepthFrame(k / 30, floor()) for k in range(10)]
+    frames[2] = DepthFrame(frames[2].stamp, frames[2].depth * 0)
+    passed = list(sieve.through(frames))
+    assert [frame.stamp for frame in passed] == [f.stamp for k, f in enumerate(frames) if k != 2]
+    assert (sieve.seen, dict(sieve.reasons)) == (10, {"all zero": 1})
+    sieve.require_sound("recording x")  # a tenth may be bad
+
+
+def test_a_stream_of_which_a_fifth_is_bad_is_refused_with_the_commonest_reason():
+    sieve = Sieve(lambda frame: check_frame(frame, Expected.of(CAMERA)))
+    bad = [floor() * 0, floor()[::2], floor()[::2]]
+    list(sieve.through(DepthFrame(0.0, depth) for depth in [floor()] * 12 + bad))
+    with pytest.raises(UnusableFramesError) as caught:
+        sieve.require_sound("recording x")
+    assert str(caught.value) == (
+        "recording x: 3 of 15 frames cannot be used: wrong resolution: found 320x120 px, expected 320x240 "
+        "px; set the camera to that, or calibrate it again as it is"
+    )
+
+
+def test_nothing_seen_is_nothing_bad():
+    Sieve(lambda frame: "").require_sound("recording x")

@@ -16,19 +16,26 @@ from noctule.camera import CEILING_CAMERA, FixedCamera, PinholeCamera
 from noctule.errors import NoctuleError
 from noctule.geometry import rot_x, rot_y, rot_z
 from noctule.localization.calibration.lens import Lens
+from noctule.localization.detection.band import SurfaceBand
+from noctule.localization.detection.cubics import AreaCubics
+from noctule.localization.detection.hu import HuPatterns
+from noctule.localization.detector_file import Detectors, save_detectors
 from noctule.localization.evidence import Grid
 from noctule.localization.site import (
     SIMULATED,
     SiteCamera,
     load_background,
     load_camera,
+    load_site,
     load_template,
     save_background,
     save_camera,
     save_template,
+    straightened,
 )
 from noctule.localization.site_files import SiteCameraError, SiteFileError, SiteFormatError, write_whole
 from noctule.localization.template import Template
+from noctule.messages import DepthFrame
 from noctule.vision.depth.background import Background
 
 SMALL = FixedCamera(PinholeCamera.centred(16, 16, 20.0), np.eye(3), np.array([0.0, 0.0, 3.0]))
@@ -274,3 +281,43 @@ def test_a_site_is_made_with_its_folder(tmp_path):
     assert (tmp_path / "sites" / "lab" / "camera.toml").read_bytes() == b"x"
     (tmp_path / "file").touch()
     assert "cannot be written (File exists)" in said(write_whole, tmp_path / "file" / "camera.toml", b"x")
+
+
+def test_a_whole_site_is_loaded_at_once_and_the_first_file_that_is_missing_is_named(tmp_path):
+    save_camera(tmp_path, SiteCamera(SMALL, Lens(0.1), np.array([0.0, 0.0, 0.03])))
+    save_background(tmp_path, background(), SMALL)
+    save_template(tmp_path, template())
+    assert said(load_site, tmp_path) == (
+        f"site file {tmp_path}/detector.toml: is missing; learn it with `noctule calibrate detector`"
+    )
+    cubics = AreaCubics(np.ones(4), np.zeros(4), 0.4, 1.9)
+    hu = HuPatterns(np.ones((1, 7)), 1.0)
+    save_detectors(tmp_path, Detectors(cubics, SurfaceBand(0.1, 0.2, 0.4, 1.9), hu), SMALL)
+    site = load_site(tmp_path)
+    assert site.camera.lens == Lens(0.1)
+    assert site.detectors.band == SurfaceBand(0.1, 0.2, 0.4, 1.9)
+    assert same(site.background, background())
+    assert same(site.template, template())
+
+
+def frame(depth: np.ndarray) -> DepthFrame:
+    return DepthFrame(1.5, depth)
+
+
+def test_frames_are_straightened_where_the_lens_bends():
+    depth = np.arange(256, dtype=np.uint16).reshape(16, 16) + 1000
+    (same_frame,) = straightened([frame(depth)], SiteCamera(SMALL))
+    assert same_frame.depth is depth
+    (straight,) = straightened([frame(depth)], SiteCamera(SMALL, Lens(-0.3)))
+    assert straight.stamp == 1.5
+    assert straight.depth.dtype == np.uint16
+    assert not np.array_equal(straight.depth, depth)
+    assert set(np.unique(straight.depth)) <= {0, *np.unique(depth)}  # readings, not means of them
+
+
+@pytest.mark.parametrize(
+    "depth", [np.ones((8, 16), np.uint16), np.ones((16, 16), np.float32), np.ones((16, 16, 3), np.uint16)]
+)
+def test_frames_of_no_such_camera_are_left_for_the_health_check_to_name(depth):
+    (left,) = straightened([frame(depth)], SiteCamera(SMALL, Lens(-0.3)))
+    assert left.depth is depth

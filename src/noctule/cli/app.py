@@ -48,7 +48,7 @@ _CALIBRATE_EXAMPLES: dict[str, tuple[Callable[..., int], str]] = {
     "template": (calibrate_template, "noctule calibrate template --simulated --site sites/lab"),
     "offset": (
         calibrate_offset,
-        "noctule calibrate offset --simulated --site sites/lab --height 0.6 --at 0,0",
+        "noctule calibrate offset --simulated --site sites/lab --height 1.2 --at 0,0",
     ),
     "record": (calibrate_record, "noctule calibrate record --simulated --flight path --out path.mcap"),
 }

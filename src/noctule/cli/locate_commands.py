@@ -82,15 +82,17 @@ def calibrate_offset(
     out: Path | None = None,
     json: Flag = False,
 ) -> int:
-    """Find the constant error of positions, from a drone that stands still at a known place, motors off.
+    """Find the constant error of positions, from a drone that stands at a known place with its motors off.
+
+    Turn it there by a quarter now and then: what its template is off by averages out.
 
     Parameters
     ----------
     site
         The folder of the whole site.
     height
-        How high the middle of its hull is above the floor [m]; half a metre and more, on a box or a stool
-        that was there when the background was learned.
+        How high the middle of its hull is above the floor [m]: on a stool that was there when the background
+        was learned, about as high as it will fly.
     at
         Where it stands, as x,y [m]; left out, only the altitude is corrected.
     out
@@ -114,7 +116,7 @@ def calibrate_record(
         The recording (.mcap), a new file.
     flight
         With --simulated: what is flown. none: the room is empty. manual: by hand all over the room.
-        path: along an ellipse. stand: it stands still at (0, 0, 0.6) m.
+        path: along an ellipse. stand: it stands at (0, 0, 1.2) m and is turned.
     json
         End standard output with one JSON object.
     """

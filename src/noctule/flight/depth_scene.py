@@ -23,12 +23,12 @@ from noctule.simulation.ceiling import (
 )
 
 Flight = Literal["none", "manual", "path", "stand"]
-"""Nothing; a drone by hand all over the room; one along the paper's ellipse; one that stands still."""
+"""Nothing; a drone by hand all over the room; one along the paper's ellipse; one that stands."""
 
 _SPEED = 0.3  # [m/s], along the path
 _PASSES = 0.6  # [m], as near as the person comes to the path
 _STREAMS: dict[Flight, int] = {"none": 0, "manual": 1, "path": 2, "stand": 3}
-STAND = (0.0, 0.0, 0.6)  # [m], where the drone stands still, on a thin pole that no camera sees
+STAND = (0.0, 0.0, 1.2)  # [m], where the drone stands still, on a thin pole that no camera sees
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +56,11 @@ class Scene:
         if self.flight == "none":
             return [(stamp, None) for stamp in stamps]
         if self.flight == "stand":
-            standing = Pose(np.array(STAND), 0.3)
-            return [(stamp, standing) for stamp in stamps]
+            # Turned by a quarter now and then, as `noctule calibrate offset` wants it.
+            return [
+                (t, Pose(np.array(STAND), wrap_angle(0.3 + math.pi / 2.0 * int(4.0 * t / self.seconds))))
+                for t in stamps
+            ]
         angles, lengths = _ellipse_lengths()
         return [(t, _on_ellipse(float(np.interp(_SPEED * t % lengths[-1], lengths, angles)))) for t in stamps]
 
