@@ -173,9 +173,11 @@ def test_keys_come_raw_and_unseen_and_the_terminal_is_left_as_it_was(terminal):
         assert keyboard.pressed(0.1) == ["w", "q", " ", "\n"]
         os.write(person, b"\x1b")
         assert keyboard.pressed(0.2) + keyboard.pressed(0.3) == ["\x1b"]
-        os.write(person, b"held down")
+        os.write(person, b"held down\n")
+        assert select.select([program], [], [], 5.0)[0]
     assert termios.tcgetattr(program) == before
     assert seen(person).endswith("\x1b[?25h\x1b[?1049l")
+    assert not select.select([program], [], [], 0.0)[0]  # nothing is left for the shell
 
 
 def test_an_error_leaves_the_terminal_as_it_was_too(terminal):

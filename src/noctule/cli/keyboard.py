@@ -198,8 +198,8 @@ def _raw(keys: int) -> Iterator[None]:
         yield
     finally:
         with suppress(termios.error):
-            termios.tcsetattr(keys, termios.TCSANOW, before)
             termios.tcflush(keys, termios.TCIFLUSH)  # what is still held down is not for the shell
+            termios.tcsetattr(keys, termios.TCSANOW, before)
 
 
 @contextmanager
