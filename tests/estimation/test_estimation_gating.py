@@ -152,6 +152,22 @@ def test_a_filter_that_went_astray_is_back_within_five_seconds(offset, turn):
     assert sum(filter_.refusals.values()) > 5
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_push_is_followed_and_no_reason_to_refuse(seed):
+    rng = np.random.default_rng(seed)
+    filter_ = DelayedFilter(SURE, None, FilterSettings(noise_without_commands=FilterSettings().noise))
+    position, velocity, worst = 0.0, 0.0, 0.0
+    for k in range(90):
+        velocity += (4.5 if 30 <= k < 36 else 0.0) / 30  # m/s^2 for 0.2 s, in the middle of a hover
+        position += velocity / 30
+        z = np.array([position, 0.0, 0.0, 0.0]) + rng.standard_normal(4) * np.sqrt(np.diag(R))
+        filter_.insert(pose(z, (k + 1) / 30, k))
+        if k > 15:
+            worst = max(worst, abs(filter_.estimate().x[0] - position))
+    assert worst < 0.06
+    assert sum(filter_.refusals.values()) <= 2
+
+
 def test_without_gates_everything_is_let_in():
     filter_ = DelayedFilter(SURE, None, FilterSettings(gate=None))
     filter_.insert(pose([9.0, 0, 0, 0], 0.1))

@@ -6,11 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from noctule.estimation.chi_square import nees_band
+from noctule.estimation.contributions import linear_contribution
 from noctule.estimation.delayed import DelayedFilter, FilterSettings
 from noctule.estimation.events import Input
 from noctule.estimation.filter_state import FilterError, Prior, start_at
+from noctule.estimation.gating import surprises
+from noctule.estimation.information_filter import assimilate_turned
+from noctule.estimation.kalman_filter import correct, predict
 from noctule.estimation.measurements import Component, Measurement
-from noctule.estimation.network import Link, LinkSettings, Network, Node
+from noctule.estimation.network import Link, LinkSettings, Network, Node, warm_up
 from noctule.estimation.network_study import (
     NODES,
     PRIOR,
@@ -234,3 +238,13 @@ def test_a_network_of_two_nodes_of_one_name_is_refused():
     with pytest.raises(FilterError) as told:
         Network([Node("a", START), Node("a", START)])
     assert str(told.value) == "network of nodes ['a', 'a']; expected at least one, each name once"
+
+
+def test_after_a_warm_up_nothing_is_left_to_compile():
+    kernels = (predict, correct, surprises, linear_contribution, assimilate_turned)
+    warm_up()
+    versions = [len(kernel.signatures) for kernel in kernels]
+    assert all(versions)
+    flight = made_up_flight(60, 8, MODEL, SETTINGS.noise)
+    fly(Network(nodes(flight.start), LinkSettings(duplicates=0.3, jitter=0.05)), flight)
+    assert [len(kernel.signatures) for kernel in kernels] == versions

@@ -10,14 +10,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from noctule.estimation.contributions import (
-    ContributionError,
     contribution_of,
     from_bytes,
     message_length,
     to_bytes,
 )
+from noctule.estimation.delayed import DelayedFilter
+from noctule.estimation.events import Input
 from noctule.estimation.filter_state import Prior, start_at
+from noctule.estimation.framing import MessageError, seal
 from noctule.estimation.measurements import Measurement
+from noctule.estimation.network import Node
+from noctule.estimation.network_study import PRIOR, made_up_flight
+from noctule.estimation.node_messages import (
+    inputs_from_bytes,
+    inputs_to_bytes,
+    snapshot_from_bytes,
+    snapshot_to_bytes,
+)
+from noctule.estimation.vehicle_model import VehicleModel
 
 SIZES = (8, 9, 10, 11)
 
@@ -36,9 +47,9 @@ def sealed(body):
     return body + struct.pack("<I", zlib.crc32(body))
 
 
-def refusal(data):
-    with pytest.raises(ContributionError) as told:
-        from_bytes(data)
+def refusal(data, read=from_bytes):
+    with pytest.raises(MessageError) as told:
+        read(data)
     return str(told.value)
 
 
@@ -98,7 +109,7 @@ def test_another_protocol_is_told():
 
 
 def test_a_cut_message_is_told():
-    assert refusal(to_bytes(part())[:-8]) == (
+    assert refusal(seal(b"NOCI", to_bytes(part())[6:-12])) == (
         "contribution: 756 bytes for a state of 11 numbers; "
         "expected 8 to 11 numbers in 476, 564, 660, 764 bytes"
     )
@@ -107,7 +118,9 @@ def test_a_cut_message_is_told():
 def test_damage_is_told():
     data = bytearray(to_bytes(part()))
     data[100] ^= 1
-    assert refusal(bytes(data)) == "contribution: its checksum does not match; it was damaged on the way"
+    assert (
+        refusal(bytes(data)) == "contribution: its checksum does not match; it was damaged or cut on the way"
+    )
 
 
 def test_a_source_that_is_no_text_is_told():
@@ -152,7 +165,7 @@ WHO = "contribution 77 of 'depth'"
     ],
 )
 def test_what_no_measurement_makes_is_not_sent(change, message):
-    with pytest.raises(ContributionError) as told:
+    with pytest.raises(MessageError) as told:
         to_bytes(replace(part(), **change))
     assert str(told.value) == message
 
@@ -162,3 +175,129 @@ def test_what_no_measurement_makes_is_not_read_even_with_a_right_checksum(place,
     body = bytearray(to_bytes(part())[:-4])
     struct.pack_into("<d", body, 56 + 8 * place, value)
     assert refusal(sealed(bytes(body))).startswith(WHO)
+
+
+def attempt(read, data):
+    """Return what was read and no message, or nothing and the message."""
+    try:
+        return read(data), ""
+    except MessageError as told:
+        return None, str(told)
+
+
+INPUTS = (
+    Input(1.0, np.array([0.1, -0.2, 0.3, -0.4]), sequence=3),
+    Input(1.1, None, "supervisor", 2**64 - 1),
+)
+
+
+def node(steps=80, window_input=True):
+    model = VehicleModel.identified(delay=0.02)
+    made = Node("fusion", start_at(0.0, np.zeros(3), 0.0, PRIOR), model)
+    flight = made_up_flight(steps, 0, model, made.filter.settings.noise)
+    for sent in flight.inputs if window_input else ():
+        made.receive(sent)
+    for z in flight.measurements:
+        made.measure(z)
+    return made
+
+
+def same(a, b):
+    return (a.stamp, a.source, a.sequence) == (b.stamp, b.source, b.sequence) and (
+        a.u is b.u is None or np.array_equal(a.u, b.u)
+    )
+
+
+def test_commands_come_back_to_the_bit():
+    back = inputs_from_bytes(inputs_to_bytes(INPUTS))
+    assert all(same(a, b) for a, b in zip(INPUTS, back, strict=True))
+    assert inputs_from_bytes(inputs_to_bytes([])) == ()
+
+
+@pytest.mark.parametrize(("steps", "commanded"), [(0, False), (80, False), (80, True), (300, True)])
+def test_a_node_that_read_a_snapshot_knows_what_the_sender_knows(steps, commanded):
+    sender = node(steps, commanded).filter
+    read = snapshot_from_bytes(snapshot_to_bytes(sender.snapshot()))
+    receiver = DelayedFilter.of_snapshot(read, sender.model, sender.settings)
+    here, there = receiver.estimate(), sender.estimate()
+    assert here.stamp == there.stamp
+    assert np.array_equal(here.x, there.x)
+    assert np.array_equal(here.P, there.P)
+    for event in read.events:
+        assert not receiver.insert(event)
+
+
+@settings(deadline=None)
+@given(st.binary(max_size=400), st.sampled_from([b"NOCU", b"NOCS", b"NOCI"]))
+def test_any_bytes_in_a_right_frame_are_refused_in_one_line(body, magic):
+    for read in (from_bytes, inputs_from_bytes, snapshot_from_bytes):
+        value, message = attempt(read, seal(magic, body))
+        assert "\n" not in message
+        # The only such bytes that say something: no commands, or whole ones.
+        assert value is None or (magic == b"NOCU" and body[:2] == struct.pack("<H", len(value)))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 3000), st.binary(min_size=1, max_size=8))
+def test_a_changed_snapshot_is_refused_or_still_a_state(place, change):
+    body = bytearray(snapshot_to_bytes(node().filter.snapshot())[6:-4])
+    place %= len(body)
+    body[place : place + len(change)] = change
+    read, message = attempt(snapshot_from_bytes, seal(b"NOCS", bytes(body)))
+    assert "\n" not in message
+    assert read is None or (np.linalg.eigvalsh(read.P)[0] > 0.0 and np.isfinite(read.x).all())
+
+
+def test_a_snapshot_that_is_cut_is_told():
+    body = snapshot_to_bytes(node().filter.snapshot())[6:-4]
+    assert refusal(seal(b"NOCS", body[:100]), snapshot_from_bytes) == (
+        "snapshot: 110 bytes for a state of 11 numbers; expected more, or 8 to 11"
+    )
+    assert refusal(seal(b"NOCS", body + b"c"), snapshot_from_bytes) == (
+        "snapshot: ends in the middle of an event"
+    )
+    strange = body + struct.pack("<cI", b"x", 0)
+    assert refusal(seal(b"NOCS", strange), snapshot_from_bytes) == (
+        "snapshot: holds an event of kind b'x'; expected b'c' or b'u'"
+    )
+    two = inputs_to_bytes(INPUTS)
+    crowded = body + struct.pack("<cI", b"u", len(two)) + two
+    assert refusal(seal(b"NOCS", crowded), snapshot_from_bytes) == (
+        "snapshot: holds an event of 2 commands; expected 1"
+    )
+
+
+def test_a_snapshot_without_a_covariance_is_told():
+    body = bytearray(snapshot_to_bytes(node().filter.snapshot())[6:-4])
+    begin = struct.calcsize("<Hdi16sQdB") + 8 * 11
+    body[begin : begin + 8] = struct.pack("<d", -1.0)
+    assert refusal(seal(b"NOCS", bytes(body)), snapshot_from_bytes) == (
+        "snapshot: its covariance is not positive definite, or holds no numbers; refused"
+    )
+
+
+def test_commands_that_are_no_numbers_or_too_few_are_told():
+    body = bytearray(inputs_to_bytes(INPUTS[:1])[6:-4])
+    assert refusal(seal(b"NOCU", bytes(body[:-1])), inputs_from_bytes) == (
+        "commands: 66 bytes for 1 of them; expected 67"
+    )
+    body[-8:] = struct.pack("<d", np.nan)
+    assert refusal(seal(b"NOCU", bytes(body)), inputs_from_bytes) == (
+        "command at 1.0 s: [0.1, -0.2, 0.3, nan]; expected finite numbers"
+    )
+
+
+def test_a_command_without_a_count_is_not_sent():
+    with pytest.raises(MessageError) as told:
+        inputs_to_bytes([Input(0.0, None, sequence=-1)])
+    assert str(told.value) == "command -1 of 'commands': expected a sequence of 0 to 2^64 - 1"
+
+
+def test_raw_measurements_are_not_sent():
+    central = DelayedFilter(start_at(0.0, np.zeros(3), 0.0, PRIOR))
+    central.insert(Measurement(0.1, np.array([3]), np.zeros(1), np.eye(1), "markers"))
+    with pytest.raises(MessageError) as told:
+        snapshot_to_bytes(central.snapshot())
+    assert str(told.value) == (
+        "snapshot: holds a measurement of 'markers'; expected contributions: send that of a node"
+    )

@@ -1,37 +1,40 @@
 """What nodes send each other: contributions of information, and their bytes.
 
-The layout is fixed and little-endian: magic, version, size n, name of the source, sequence, stamp, yaw and
-heading bias of the linearisation, i and jump (n numbers each), the upper triangle of I row by row, CRC-32 of
-all before. Nothing read from the wire is believed before it is checked: the matrix is positive semidefinite,
-or the message is refused.
+The layout is fixed, in the frame of `framing`: size n, name of the source, sequence, stamp, yaw and heading
+bias of the linearisation, i and jump (n numbers each), the upper triangle of I row by row. Nothing read from
+the wire is believed before it is checked: the matrix is positive semidefinite, or the message is refused.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-import zlib
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from noctule.errors import NoctuleError
 from noctule.estimation.compiled import compiled
 from noctule.estimation.filter_state import SIZES, YAW, heading_bias_index
+from noctule.estimation.framing import (
+    NAME_BYTES,
+    OVERHEAD,
+    MessageError,
+    packed_name,
+    seal,
+    unpacked_name,
+    unseal,
+)
 from noctule.estimation.information_filter import contribution
 from noctule.estimation.measurements import Measurement, linearise
 from noctule.geometry import Array
 
 MAGIC = b"NOCI"
-VERSION = 1
-NAME_BYTES = 16
-_HEAD = struct.Struct(f"<4sHH{NAME_BYTES}sQddd")
-_CRC = struct.Struct("<I")
+_HEAD = struct.Struct(f"<H{NAME_BYTES}sQddd")
 
 
-class ContributionError(NoctuleError):
-    """Bytes, or numbers, that are no contribution."""
+class ContributionError(MessageError):
+    """Numbers that no measurement contributes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,52 +68,27 @@ def contribution_of(x: Array, measurement: Measurement, jump: Array | None = Non
 
 
 def to_bytes(part: Contribution) -> bytes:
-    """Return the message of a contribution. Raises ContributionError when it is none."""
-    name = part.source.encode()
-    if not 0 < len(name) <= NAME_BYTES or b"\0" in name:
-        raise ContributionError(
-            f"contribution of {part.source!r}: its name has {len(name)} bytes; "
-            f"expected 1 to {NAME_BYTES} and no zero among them: give the sensor a shorter name"
-        )
+    """Return the message of a contribution. Raises ContributionError or MessageError when it is none."""
+    name = packed_name(part.source, "contribution")
     check(part)
     n = part.i.size
-    scalars = (part.stamp, part.yaw, part.heading_bias)
-    body = _HEAD.pack(MAGIC, VERSION, n, name, part.sequence, *scalars)
     jump = np.zeros(n) if part.jump is None else part.jump
+    head = _HEAD.pack(n, name, part.sequence, part.stamp, part.yaw, part.heading_bias)
     numbers = np.concatenate([part.i, jump, part.I[np.triu_indices(n)]])
-    body += numbers.astype("<f8").tobytes()
-    return body + _CRC.pack(zlib.crc32(body))
+    return seal(MAGIC, head + numbers.astype("<f8").tobytes())
 
 
 def from_bytes(data: bytes) -> Contribution:
-    """Return the contribution of a message. Raises ContributionError for anything else."""
-    if len(data) < _HEAD.size + _CRC.size:
-        raise ContributionError(
-            f"contribution: {len(data)} bytes; expected at least {_HEAD.size + _CRC.size}: "
-            "is the peer a node?"
-        )
-    magic, version, n, name, sequence, stamp, yaw, heading_bias = _HEAD.unpack_from(data)
-    if magic != MAGIC or version != VERSION:
-        raise ContributionError(
-            f"contribution: begins with {magic!r} version {version}; expected {MAGIC!r} version {VERSION}: "
-            "run the same version of noctule on every node"
-        )
-    length = message_length(n) if n in SIZES else -1
-    if len(data) != length:
+    """Return the contribution of a message. Raises ContributionError or MessageError for anything else."""
+    body = unseal(MAGIC, data, "contribution", _HEAD.size)
+    n, name, sequence, stamp, yaw, heading_bias = _HEAD.unpack_from(body)
+    if n not in SIZES or len(data) != message_length(n):
         raise ContributionError(
             f"contribution: {len(data)} bytes for a state of {n} numbers; expected {SIZES[0]} to {SIZES[-1]} "
             f"numbers in {', '.join(str(message_length(k)) for k in SIZES)} bytes"
         )
-    (crc,) = _CRC.unpack_from(data, length - _CRC.size)
-    if crc != zlib.crc32(data[: -_CRC.size]):
-        raise ContributionError("contribution: its checksum does not match; it was damaged on the way")
-    try:
-        source = name.rstrip(b"\0").decode()
-    except UnicodeDecodeError:
-        source = ""
-    if not source or "\0" in source:
-        raise ContributionError(f"contribution: names its source {name!r}; expected text")
-    numbers = np.frombuffer(data, "<f8", _count(n), _HEAD.size).astype(np.float64)
+    source = unpacked_name(name, "contribution")
+    numbers = np.frombuffer(body, "<f8", _count(n), _HEAD.size).astype(np.float64)
     I = np.zeros((n, n))  # noqa: E741
     I[np.triu_indices(n)] = numbers[2 * n :]
     I = I + np.triu(I, 1).T  # noqa: E741
@@ -122,7 +100,7 @@ def from_bytes(data: bytes) -> Contribution:
 
 def message_length(n: int) -> int:
     """Return how many bytes the message of a state of `n` numbers has."""
-    return _HEAD.size + 8 * _count(n) + _CRC.size
+    return OVERHEAD + _HEAD.size + 8 * _count(n)
 
 
 def _count(n: int) -> int:
