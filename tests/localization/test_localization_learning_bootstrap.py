@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 import numpy as np
@@ -13,6 +14,7 @@ from localization_sightings import stage
 from noctule.camera import CEILING_CAMERA
 from noctule.geometry import Pose, wrap_angle
 from noctule.localization.heading.turns import HALF_TURN, QUARTER_TURN
+from noctule.localization.learning import bootstrap
 from noctule.localization.learning.bootstrap import (
     StartHeadingError,
     TurnUnknownError,
@@ -146,3 +148,14 @@ def test_following_leaves_one_turn_open_for_the_whole_flight(steps, period, gaps
     open_turns = (followed - slow - 0.3)[known] / period
     assert np.allclose(open_turns, open_turns[0], atol=1e-9)
     assert open_turns[0] == pytest.approx(round(open_turns[0]), abs=1e-9)
+
+
+def test_a_cross_whose_axes_look_alike_is_refused(monkeypatch) -> None:
+    monkeypatch.setattr(bootstrap, "_SURE", 1e3)  # nothing is as sure as that
+    with pytest.raises(TurnUnknownError) as caught:
+        learned(True, 0.0, 0.0)
+    text = re.sub(r"-?\d\.\d\d", "X", re.sub(r"in \d+ frames", "in N frames", str(caught.value)))
+    assert text == (
+        "template: the drone looks alike from the front and from the side in N frames (agreement X +- X); "
+        "put the colour markers on, or fly for longer"
+    )
