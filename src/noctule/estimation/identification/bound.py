@@ -1,0 +1,32 @@
+"""The least deviations that any unbiased estimate can have: the Cramer-Rao bound."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from noctule.estimation.identification.flights import Flight
+from noctule.estimation.identification.output_error import SHARED, active, own_parameters, residuals
+from noctule.estimation.vehicle_model import VehicleModel
+from noctule.geometry import Array
+
+
+def cramer_rao(
+    model: VehicleModel, flights: Sequence[Flight], noise: float, *, own_known: bool = False
+) -> tuple[Array, float]:
+    """Return the bounds of k1 to k8 (8,), NaN of an axis that was not moved, and of the delay [s].
+
+    `model` is the truth, `noise` the deviation of each velocity [m/s, rad/s], white. Velocities at the
+    beginning and biases are unknown too, unless `own_known`.
+    """
+    p = np.zeros(SHARED + sum(own_parameters(flight) for flight in flights))
+    p[0] = model.delay
+    p[1:SHARED:2], p[2:SHARED:2] = model.input_gains, model.drags
+    chosen = active(flights)
+    if own_known:
+        chosen = chosen[chosen < SHARED]
+    _, J = residuals(p, flights)
+    sd = np.full(p.size, np.nan)
+    sd[chosen] = noise * np.sqrt(np.diag(np.linalg.inv(J[:, chosen].T @ J[:, chosen])))
+    return sd[1:SHARED], float(sd[0])

@@ -1,0 +1,229 @@
+"""k1 to k8 and the delay by output error: the velocities of eq. (2) against those that were measured.
+
+Eq. (2) is solved exactly from command to command (see `response`), and the parameters are moved by
+Levenberg and Marquardt with exact sensitivities; the delay is one of them, and continuous. Noise is taken to
+be on what is measured, as it is: (15), which differentiates it, is in `published`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from noctule.estimation.identification.flights import (
+    AXES,
+    AxisFlight,
+    Flight,
+    IdentificationError,
+    axes_of,
+    channels,
+    moved_axes,
+)
+from noctule.estimation.identification.response import plane_response, response
+from noctule.estimation.identification.result import AxisFit, Identification
+from noctule.geometry import Array
+
+SHARED = 9
+"""Parameters that flights have in common: the delay, then k1 to k8."""
+_DELAYS = (0.0, 0.2, 0.4)  # [s], where searches begin
+_LONGEST_DELAY = 1.0  # [s]
+_LEAST_DRAG = -0.5  # [1/s], below lies no vehicle
+
+
+def own_parameters(flight: Flight) -> int:
+    """Return how many parameters are the flight's own: velocity at its beginning and bias, of each axis."""
+    return 2 * len(axes_of(flight))
+
+
+def predict(flight: Flight, shared: Array, own: Array) -> tuple[Array, Array]:
+    """Return the velocities that are to be measured (axes, n) and their derivatives (axes, n, 9 + own).
+
+    `shared` (9,) is the delay and k1 to k8, `own` the velocity at the first stamp, then the sensor's bias.
+    """
+    if isinstance(flight, AxisFlight):
+        a = AXES.index(flight.axis)
+        k_u, k_v = shared[1 + 2 * a], shared[2 + 2 * a]
+        v, by, x, x_by = response(
+            k_u, k_v, shared[0], own[0], flight.command_stamps, flight.inputs, flight.stamps
+        )
+        if flight.means:
+            dt = np.diff(flight.stamps)
+            v, by = np.diff(x) / dt, np.diff(x_by, axis=0) / dt[:, None]
+        J = np.zeros((1, v.size, SHARED + 2))
+        J[0, :, [1 + 2 * a, 2 + 2 * a, 0, SHARED]] = by.T
+        J[0, :, SHARED + 1] = 1.0
+        return v[None] + own[1], J
+    v, by = plane_response(
+        shared[1:5], shared[0], own[:2], flight.command_stamps, flight.inputs, flight.stamps, flight.yaw
+    )
+    J = np.zeros((2, v.shape[1], SHARED + 4))
+    J[:, :, [1, 2, 3, 4, 0, SHARED, SHARED + 1]] = by
+    J[0, :, SHARED + 2] = 1.0
+    J[1, :, SHARED + 3] = 1.0
+    return v + own[2:, None], J
+
+
+def residuals(parameters: Array, flights: Sequence[Flight]) -> tuple[Array, Array]:
+    """Return predicted less measured (all,) and its Jacobian (all, parameters).
+
+    The parameters are the shared ones, then each flight's own.
+    """
+    rows, blocks = [], []
+    at = SHARED
+    for flight in flights:
+        own = own_parameters(flight)
+        v, J = predict(flight, parameters[:SHARED], parameters[at : at + own])
+        rows.append((v - channels(flight)).ravel())
+        block = np.zeros((rows[-1].size, parameters.size))
+        block[:, :SHARED] = J[..., :SHARED].reshape(-1, SHARED)
+        block[:, at : at + own] = J[..., SHARED:].reshape(-1, own)
+        blocks.append(block)
+        at += own
+    return np.concatenate(rows), np.concatenate(blocks)
+
+
+def active(flights: Sequence[Flight]) -> Array:
+    """Return the indices of the parameters that the flights say something about."""
+    axes = sorted({a for flight in flights for a in moved_axes(flight)})
+    own = sum(own_parameters(flight) for flight in flights)
+    return np.array([0, *(1 + 2 * a + i for a in axes for i in (0, 1)), *range(SHARED, SHARED + own)])
+
+
+def identify(flights: Sequence[Flight]) -> Identification:
+    """Identify all axes that were moved, with the delay common to all. Raises IdentificationError.
+
+    Beside k_u, k_v and the delay each axis of a flight has the velocity at its beginning and a constant bias
+    of the sensor as unknowns, so neither ends up in the drag. Deviations are those of the estimate's
+    covariance (J' W J)^-1, each axis weighed by its own noise, which its residuals tell; for white noise that
+    is the Cramer-Rao bound at the estimate.
+    """
+    if not flights:
+        raise IdentificationError("identification: no axis was flown; expected at least one")
+    alone = [_best_alone(flight) for flight in flights]
+    start = _start(flights, alone)
+    sds = [sd for p, f in zip(alone, flights, strict=True) for sd in _noises(p, [f])]
+    best, chosen = start, active(flights)
+    for _ in range(2):  # what one flight alone cannot tell of its noise, all of them can
+        best, _least = _least_squares(best, flights, chosen, _weights(flights, sds))
+        sds = _noises(best, flights)
+    _, J = residuals(best, flights)
+    W = J[:, chosen] * _weights(flights, sds)[:, None]
+    covariance = np.linalg.pinv(W.T @ W, hermitian=True)
+    sd = np.full(best.size, math.nan)
+    sd[chosen] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    fits = tuple(_fit(a, best, sd, flights) for a in range(4) if 1 + 2 * a in chosen)
+    return Identification(fits, float(best[0]), float(sd[0]))
+
+
+def _start(flights: Sequence[Flight], alone: Sequence[Array]) -> Array:
+    """Put together what the flights told alone: of each axis the one on which it was moved most."""
+    shared = np.ones(SHARED)
+    most = np.zeros(4)
+    for p, flight in zip(alone, flights, strict=True):
+        columns = flight.inputs.reshape(flight.inputs.shape[0], -1)
+        for axis, column in zip(axes_of(flight), columns.T, strict=True):
+            moved = float(column.var() * column.size)
+            if moved > most[axis]:
+                most[axis] = moved
+                shared[1 + 2 * axis : 3 + 2 * axis] = p[1 + 2 * axis : 3 + 2 * axis]
+    shared[0] = np.median([p[0] for p in alone])
+    return np.concatenate([shared, *(p[SHARED:] for p in alone)])
+
+
+def _best_alone(flight: Flight) -> Array:
+    """Return the parameters of one flight: the best of searches that begin at several delays."""
+    chosen, own = active([flight]), np.zeros(own_parameters(flight))
+    own[: own.size // 2] = channels(flight)[:, 0]
+    weights = np.ones(channels(flight).size)
+    best, least = None, math.inf
+    for delay in _DELAYS:
+        start = np.concatenate([[delay], np.ones(SHARED - 1), own])
+        p, cost = _least_squares(start, [flight], chosen, weights, 60)
+        if cost < least:
+            best, least = p, cost
+    if best is None:
+        axis = " and ".join(AXES[a] for a in axes_of(flight))
+        raise IdentificationError(
+            f"identification of {axis}: no model fits; are inputs and velocities of the same flight?"
+        )
+    return best
+
+
+def _least_squares(
+    start: Array, flights: Sequence[Flight], chosen: Array, weights: Array, iterations: int = 200
+) -> tuple[Array, float]:
+    """Return the parameters of least weighted squares near `start`, and the sum, by Levenberg-Marquardt."""
+    p, damping = start, 1e-3
+    r, J = residuals(p, flights)
+    cost = float(np.sum((weights * r) ** 2))
+    for _ in range(iterations):
+        W = J[:, chosen] * weights[:, None]
+        A, b = W.T @ W, W.T @ (weights * r)
+        step = np.zeros(p.size)
+        step[chosen] = np.linalg.solve(A + damping * np.diag(np.diag(A) + 1e-12), -b)
+        tried = p + step
+        valid = abs(tried[0]) < _LONGEST_DELAY and bool((tried[2:SHARED:2] > _LEAST_DRAG).all())
+        r1, J1 = residuals(tried, flights) if valid else (r, J)
+        cost1 = float(np.sum((weights * r1) ** 2)) if valid else math.inf
+        if cost1 < cost:
+            small = bool(np.all(np.abs(step) <= 1e-12 * (1e-3 + np.abs(p))))
+            p, r, J, cost, damping = tried, r1, J1, cost1, max(1e-12, damping / 10.0)
+            if small:
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e12:
+                break
+    return p, cost
+
+
+def _noises(p: Array, flights: Sequence[Flight]) -> list[float]:
+    """Return the noise of each measured axis of each flight, what was fitted to it taken into account."""
+    shared = max(1, active(flights).size - sum(own_parameters(f) for f in flights))
+    found = []
+    for flight, part in zip(flights, _split(p, flights), strict=True):
+        r, _ = residuals(part, [flight])
+        measured = channels(flight)
+        freedom = measured.shape[1] - 2 - shared / sum(len(axes_of(f)) for f in flights)
+        for row, velocity in zip(r.reshape(measured.shape), measured, strict=True):
+            sd = math.sqrt(float(row @ row) / max(1.0, freedom))
+            # Noise-free data leave nothing but rounding: then all axes weigh the same.
+            found.append(max(sd, 1e-9 * float(np.abs(velocity).max()), 1e-12))
+    return found
+
+
+def _split(p: Array, flights: Sequence[Flight]) -> list[Array]:
+    """Return the parameters of each flight alone."""
+    parts, at = [], SHARED
+    for flight in flights:
+        own = own_parameters(flight)
+        parts.append(np.concatenate([p[:SHARED], p[at : at + own]]))
+        at += own
+    return parts
+
+
+def _weights(flights: Sequence[Flight], sds: Sequence[float]) -> Array:
+    sizes = [row.size for flight in flights for row in channels(flight)]
+    return np.concatenate([np.full(n, 1.0 / sd) for n, sd in zip(sizes, sds, strict=True)])
+
+
+def _fit(axis: int, p: Array, sd: Array, flights: Sequence[Flight]) -> AxisFit:
+    rows = []
+    for flight, part in zip(flights, _split(p, flights), strict=True):
+        if axis in moved_axes(flight):
+            r, _ = residuals(part, [flight])
+            rows.append(r.reshape(channels(flight).shape)[axes_of(flight).index(axis)])
+    together = sum(float(r @ r) for r in rows)
+    neighbours = sum(float(r[1:] @ r[:-1]) for r in rows)
+    c = 1 + 2 * axis
+    return AxisFit(
+        AXES[axis],
+        float(p[c]),
+        float(p[c + 1]),
+        float(sd[c]),
+        float(sd[c + 1]),
+        math.sqrt(together / sum(r.size for r in rows)),
+        neighbours / together if together > 0.0 else 0.0,
+    )
