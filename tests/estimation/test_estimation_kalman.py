@@ -140,6 +140,16 @@ def test_the_yaw_counts_turns_and_is_told_wrapped():
     x[3] = 7.0
     estimate = StateEstimate(0.0, x, np.eye(11))
     assert estimate.yaw == pytest.approx(7.0 - 2 * np.pi)
+    assert estimate.pose.yaw == estimate.yaw
+
+
+def test_an_estimate_is_told_in_the_frames_that_others_use():
+    x = np.array([1.0, 2.0, 3.0, np.pi / 2, 0.5, 0.2, 0.1, 0.4])
+    estimate = StateEstimate(0.0, x, np.eye(8))
+    assert estimate.pose.position.tolist() == [1.0, 2.0, 3.0]
+    assert np.allclose(estimate.v_heading, [0.2, -0.5, 0.1])
+    assert estimate.v_world.tolist() == [0.5, 0.2, 0.1]
+    assert estimate.yaw_rate == 0.4
 
 
 def test_a_pose_becomes_four_numbers_with_its_covariance():

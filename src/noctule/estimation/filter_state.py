@@ -17,7 +17,7 @@ import numpy as np
 
 from noctule.errors import NoctuleError
 from noctule.estimation.compiled import compiled
-from noctule.geometry import Array, wrap_angle
+from noctule.geometry import Array, Pose, rot_z, wrap_angle
 
 SIZES = (8, 9, 10, 11)
 YAW = 3
@@ -77,6 +77,17 @@ class StateEstimate:
     def v_world(self) -> Array:
         """Its velocity, (3,) [m/s], world."""
         return self.x[4:7]
+
+    @property
+    def v_heading(self) -> Array:
+        """Its velocity in the levelled heading frame FLU, (3,) [m/s]."""
+        v: Array = rot_z(float(self.x[YAW])).T @ self.x[4:7]
+        return v
+
+    @property
+    def pose(self) -> Pose:
+        """Where it is and how it is turned, levelled."""
+        return Pose(self.x[:3].copy(), self.yaw)
 
     @property
     def yaw_rate(self) -> float:
