@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-COMMANDS = "fly, missions, experiment, report, doctor, teach, path"
+COMMANDS = "fly, missions, experiment, report, doctor, teach, locate, path, ..."
 
 
 @pytest.mark.parametrize(

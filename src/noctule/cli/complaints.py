@@ -21,5 +21,7 @@ def _what(error: CycloptsError) -> str:
         return f"unknown option {given}" + (f", did you mean {near[0]}?" if near else "")
     if isinstance(error, UnusedCliTokensError):
         return f"unexpected argument {(error.unused_tokens or ['?'])[0]!r}"
-    said = " ".join(str(error).split()).removesuffix(".")
+    said = " ".join(str(error).split())
+    if not said.endswith("..."):  # of a list that was cut short
+        said = said.removesuffix(".")
     return said[:1].lower() + said[1:]

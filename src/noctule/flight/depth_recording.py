@@ -1,7 +1,7 @@
 """Depth frames in MCAP files: written as they come at 30 Hz, read back as a stream, without loss.
 
 `/depth` is foxglove.RawImage (16UC1, millimetres), which viewers draw as it is; the chunks of the file are
-compressed with zstd, which is lossless, a quarter of the time of a 16-bit PNG and two thirds of its size.
+compressed with zstd: lossless, in a quarter of the time and two thirds of the size of 16-bit PNG.
 `/colour` is JPEG or PNG. What localization made of each frame is on `/located`, and on `/pose` for viewers.
 """
 
