@@ -27,7 +27,7 @@ class EllipseHeading:
     name: ClassVar[str] = "ellipse"
     period: ClassVar[float] = HALF_TURN
     axis: float = 0.0  # [rad], where the major axis lies on a drone whose heading is 0
-    sd: float = np.radians(20.0)  # [rad]
+    sd: float = np.radians(12.0)  # [rad], without hull; with it the ellipse says nothing
 
     def measure(self, sighting: Sighting, predicted: float) -> HeadingMeasurement | None:
         """Return the heading in the half turn nearest to `predicted` [rad], None for a round blob."""

@@ -17,6 +17,8 @@ from noctule.vision.columns import ColumnColour, colour_mask
 
 _RED = ColumnColour(hue=0.0, tolerance=18.0, min_saturation=0.5, min_value=0.2)
 _BLUE = ColumnColour(hue=225.0, tolerance=25.0, min_saturation=0.5, min_value=0.2)
+_POWER = 1.25  # by which the sd falls with the pixels of the smaller marker: measured
+_MOST = 4.0  # times `pixels`; no better beyond
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +38,9 @@ class MarkerHeading:
     longest: float = 0.60  # [m]
     min_pixels: int = 6  # of each marker
     axis: float = 0.0  # [rad], the line from back to front on a drone whose heading is 0
-    sd: float = np.radians(1.5)  # [rad], at `reference` between the markers
-    reference: float = 0.30  # [m]
+    sd: float = np.radians(1.05)  # [rad], at `reference` between markers of `pixels` each
+    reference: float = 0.19  # [m]
+    pixels: float = 100.0
 
     def measure(self, sighting: Sighting, predicted: float = 0.0) -> HeadingMeasurement | None:
         """Return the heading in the turn nearest to `predicted` [rad], None unless both markers are seen."""
@@ -47,16 +50,18 @@ class MarkerHeading:
         back = self._find(sighting, self.back)
         if front is None or back is None:
             return None
-        along = front[:2] - back[:2]
+        along = front[0][:2] - back[0][:2]
         length = float(np.hypot(*along))
         if not self.shortest <= length <= self.longest:
             return None
         yaw = nearest_turn(float(np.arctan2(along[1], along[0])) - self.axis, predicted, FULL_TURN)
-        sd = self.sd * self.reference / length
+        # What is far has fewer pixels, and each of them a coarser depth.
+        fewest = min(front[1], back[1], _MOST * self.pixels)
+        sd = self.sd * self.reference / length * (self.pixels / fewest) ** _POWER
         return HeadingMeasurement(sighting.frame.stamp, yaw, sd**2, self.name)
 
-    def _find(self, sighting: Sighting, colour: ColumnColour) -> Array | None:
-        """Return the centre (3,) [m] in the world of the largest patch of a colour on the blob."""
+    def _find(self, sighting: Sighting, colour: ColumnColour) -> tuple[Array, int] | None:
+        """Return the centre (3,) [m] in the world of the largest patch of a colour, and its pixels."""
         assert sighting.frame.colour is not None
         blob = sighting.blob
         window = np.s_[max(blob.top, 0) : blob.bottom, max(blob.left, 0) : blob.right]
@@ -71,9 +76,10 @@ class MarkerHeading:
             return None
         rows, columns = np.nonzero(patch)
         measured = depth[patch & (depth > 0.0)]
-        z = float(np.median(measured)) if len(measured) else blob.depth
+        # The mean, not the median: far away the sensor steps by centimetres, and noise averages that out.
+        z = float(measured.mean()) if len(measured) else blob.depth
         p = np.array([[columns.mean() + window[1].start, rows.mean() + window[0].start]])
-        return np.asarray(sighting.camera.to_world(p, np.array([z]))[0])
+        return np.asarray(sighting.camera.to_world(p, np.array([z]))[0]), len(rows)
 
 
 def _largest(mask: NDArray[np.uint8], min_pixels: int) -> NDArray[np.bool_] | None:
