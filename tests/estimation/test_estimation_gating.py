@@ -8,12 +8,13 @@ from hypothesis import strategies as st
 from noctule.estimation.chi_square import chi_square_quantile
 from noctule.estimation.delayed import DelayedFilter, FilterSettings
 from noctule.estimation.filter_state import Prior, start_at
-from noctule.estimation.gating import GateSettings, judge, surprises
+from noctule.estimation.gating import GateSettings, Group, Streak, judge, surprises
 from noctule.estimation.measurements import Measurement, linearise
 
 GATE = GateSettings()
 POSE = np.array([0, 1, 2, 3])
 R = np.diag([0.01, 0.01, 0.01, 0.03]) ** 2
+POSITION, YAW = Streak(0.0, 0, frozenset({0, 1, 2})), Streak(0.0, 1, frozenset({3}))
 SURE = start_at(0.0, np.zeros(3), 0.0, Prior(0.02, 0.03, 0.1, 0.1, 0.05, 0.02))
 
 
@@ -65,7 +66,7 @@ def test_nothing_is_left_of_a_measurement_wild_in_all():
     verdict = judge(SURE.x, SURE.P, pose([1.0, 0.0, 0.0, 3.0]), {}, GATE)
     assert verdict.kept is None
     assert verdict.refused == ("position gate", "yaw gate")
-    assert verdict.since == {"depth/position": 0.0, "depth/yaw": 0.0}
+    assert verdict.since == {"depth/position": POSITION, "depth/yaw": YAW}
 
 
 def test_a_yaw_on_the_other_side_of_the_half_turn_is_near():
@@ -97,24 +98,24 @@ def test_body_velocities_wait_until_the_yaw_is_known():
 def test_the_limit_doubles_with_every_time_of_refusals():
     limit = chi_square_quantile(GATE.confidence, 3)
     off = np.sqrt(limit * 7.0 * (0.02**2 + 0.01**2))  # 7 times the limit: between 4 and 8
-    since = {"depth/position": 1.0}
+    since = {"depth/position": POSITION._replace(begun=1.0)}
     early = judge(SURE.x, SURE.P, pose([off, 0, 0, 0], 1.0 + 2 * GATE.widening_time), since, GATE)
     assert early.refused == ("position gate",)
-    assert early.since is since
+    assert early.since == since
     late = judge(SURE.x, SURE.P, pose([off, 0, 0, 0], 1.0 + 3 * GATE.widening_time), since, GATE)
     assert late.refused == ()
     assert late.jump is not None
     d2, _ = surprises(SURE.x, SURE.P + np.outer(late.jump, late.jump), POSE, np.array([off, 0, 0, 0]), R)
     assert d2[0] == pytest.approx(limit)
     assert not late.since
-    assert since == {"depth/position": 1.0}
+    assert since == {"depth/position": POSITION._replace(begun=1.0)}
 
 
 def test_another_source_s_refusals_widen_nothing():
-    since = {"markers/yaw": 0.0}
+    since = {"markers/yaw": YAW}
     verdict = judge(SURE.x, SURE.P, pose([0, 0, 0, 1.0], 10.0), since, GATE)
     assert verdict.refused == ("yaw gate",)
-    assert verdict.since == {"markers/yaw": 0.0, "depth/yaw": 10.0}
+    assert verdict.since == {"markers/yaw": YAW, "depth/yaw": YAW._replace(begun=10.0)}
 
 
 def test_a_wild_reading_after_a_silence_is_refused_all_the_same():
@@ -125,13 +126,34 @@ def test_a_wild_reading_after_a_silence_is_refused_all_the_same():
     assert filter_.refusals == {"depth: position gate": 1}
 
 
+def test_who_measures_no_more_than_what_is_believed_is_not_let_in_by_waiting():
+    height = Streak(0.0, 0, frozenset({2}))
+    since = {"onboard/position": height, "markers/yaw": YAW, "onboard/yaw": Streak(0.0, 1, frozenset({7}))}
+    after = judge(SURE.x, SURE.P, pose([0, 0, 0, 0], 1.0), since, GATE).since
+    # The camera's pose answers for height and yaw; the bias of the onboard heading is another matter.
+    assert set(after) == {"onboard/yaw"}
+    onboard = Measurement(1.0, np.array([2]), np.zeros(1), np.eye(1) * 1e-4, "onboard")
+    lost = {"depth/position": POSITION}
+    assert judge(SURE.x, SURE.P, onboard, lost, GATE).since == lost
+
+
+def test_a_height_above_a_table_never_gets_in_while_the_room_s_camera_sees_the_height():
+    filter_ = DelayedFilter(SURE, None, FilterSettings())
+    for k in range(300):
+        filter_.insert(pose([0, 0, 0, 0], (k + 1) / 30, k))
+        table = Measurement(k / 30 + 0.01, np.array([2]), np.array([-0.7]), np.eye(1) * 1e-3, "onboard", k)
+        filter_.insert(table)
+    assert abs(filter_.estimate().x[2]) < 0.01
+    assert filter_.refusals == {"onboard: position gate": 300}
+
+
 @pytest.mark.parametrize("n", [8, 11])
 @pytest.mark.parametrize("component", range(8))
 def test_a_jump_takes_up_what_was_surprising_and_is_no_longer_than_that(component, n):
     state = start_at(0.0, np.zeros(3), 0.7, Prior(0.02, 0.03, 0.1, 0.1, 0.05, 0.02), n)
     parts, noise = np.array([component]), np.array([[0.01]])
     far = Measurement(100.0, parts, -linearise(state.x, parts, np.zeros(1))[0] + 2.0, noise, "any")
-    since = {f"any/{g}": 0.0 for g in ("position", "yaw", "velocity")}
+    since = {f"any/{g}": Streak(0.0, k, frozenset({component})) for k, g in enumerate(Group)}
     verdict = judge(state.x, state.P, far, since, GATE)
     assert verdict.jump is not None
     residual, H = linearise(state.x, parts, far.z)

@@ -168,14 +168,14 @@ def test_markers_give_the_yaw_alone():
 
 
 def test_what_the_vehicle_reports_is_used_and_what_it_does_not_is_not():
-    noise = NavdataNoise(velocity_sd=0.1, height_sd=0.2, heading_sd=0.3)
+    noise = NavdataNoise(velocity_sd=0.1, climb_sd=0.4, height_sd=0.2, heading_sd=0.3)
     full = VehicleState(1.0, FlightState.FLYING, 0.01, 0.02, 0.5, np.array([0.1, 0.2, 0.3]), 1.2)
     made = of_vehicle_state(full, noise)
     assert made is not None
     C = Component
     assert made.components.tolist() == [C.FORWARD, C.LEFT, C.UP, C.Z, C.HEADING]
     assert made.z.tolist() == [0.1, 0.2, 0.3, 1.2, 0.5]
-    assert np.sqrt(np.diag(made.R)) == pytest.approx([0.1, 0.1, 0.1, 0.2, 0.3])
+    assert np.sqrt(np.diag(made.R)) == pytest.approx([0.1, 0.1, 0.4, 0.2, 0.3])
     height = of_vehicle_state(VehicleState(1.0, FlightState.FLYING, height=1.0), noise)
     assert height is not None
     assert height.components.tolist() == [C.Z]

@@ -20,7 +20,7 @@ from pydantic import Field
 from noctule.estimation.contributions import Contribution
 from noctule.estimation.events import Event, Input, Key, Snapshot
 from noctule.estimation.filter_state import FilterError, StateEstimate
-from noctule.estimation.gating import GateSettings, judge
+from noctule.estimation.gating import GateSettings, Streak, judge
 from noctule.estimation.information_filter import assimilate_turned
 from noctule.estimation.kalman_filter import correct, predict
 from noctule.estimation.measurements import Measurement, linearise
@@ -56,7 +56,7 @@ class _Slot:
     x: Array
     P: Array
     input: Input | None = None  # in force after it
-    since: Mapping[str, float] = field(default_factory=dict)  # of the gates, see gating.Verdict
+    since: Mapping[str, Streak] = field(default_factory=dict)  # of the gates, see gating.Verdict
     refused: tuple[str, ...] = ()
 
 

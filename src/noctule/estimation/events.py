@@ -10,6 +10,7 @@ import numpy as np
 
 from noctule.estimation.contributions import Contribution
 from noctule.estimation.filter_state import FilterError
+from noctule.estimation.gating import Streak
 from noctule.estimation.measurements import Measurement
 from noctule.geometry import Array
 
@@ -52,5 +53,5 @@ class Snapshot:
     x: Array  # (n,)
     P: Array  # (n, n)
     input: Input | None  # in force
-    since: Mapping[str, float]  # of the gates
+    since: Mapping[str, Streak]  # of the gates
     events: tuple[Event, ...]

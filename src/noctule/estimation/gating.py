@@ -3,10 +3,13 @@
 A gate compares the innovation with what the filter expects, d^2 = r' (H P H' + R)^-1 r, with the chi-square
 quantile of its numbers. While a source's gate refuses, it widens: the limit doubles with every
 `widening_time` since the first refusal, so a filter that went astray is found again within seconds while one
-wild reading after a silence stays out. What comes in through a widened gate says that the vehicle is
-elsewhere than the covariance allows, so the state may jump before the measurement is used: P + j j', with j
-along the innovation and just so long that d^2 falls to the limit. (Scaling all of P would throw the
-innovation on the rates as well: seen, a turn of 15 rad/s.)
+wild reading after a silence stays out. It does not widen while another source measures the same numbers and
+is believed: a height above a table stays out as long as the room's camera knows the height.
+
+What comes in through a widened gate says that the vehicle is elsewhere than the covariance allows, so the
+state may jump before the measurement is used: P + j j', with j along the innovation and just so long that
+d^2 falls to the limit. (Scaling all of P would throw the innovation on the rates as well: seen, a turn of
+15 rad/s.)
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +62,14 @@ class GateSettings(Settings):
     )
 
 
+class Streak(NamedTuple):
+    """Refusals in a row by one gate of one source."""
+
+    begun: float  # [s], stamp of the first
+    group: int  # which of the gates
+    components: frozenset[int]  # what was refused
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """What a gate says of one measurement."""
@@ -65,7 +77,7 @@ class Verdict:
     kept: Measurement | None  # what may be used of it
     jump: Array | None  # (n,) j of the covariance j j' to be added before, None inside of the gates
     refused: tuple[str, ...]  # reasons: "position gate", "yaw gate", "velocity gate", "yaw unknown"
-    since: Mapping[str, float]  # gate -> stamp [s] of its first refusal in a row
+    since: Mapping[str, Streak]  # "source/gate" -> what it has refused since
 
 
 @compiled
@@ -107,14 +119,14 @@ def surprises(
 
 
 def judge(
-    x: Array, P: Array, measurement: Measurement, since: Mapping[str, float], settings: GateSettings
+    x: Array, P: Array, measurement: Measurement, since: Mapping[str, Streak], settings: GateSettings
 ) -> Verdict:
     """Judge a measurement against the prediction x (n,), P (n, n) for its stamp.
 
     `since` is that of the verdict before; it is not changed.
     """
-    found, numbers = surprises(x, P, measurement.components, measurement.z, measurement.R)
-    d2, counts = found.tolist(), numbers.tolist()
+    found, sizes = surprises(x, P, measurement.components, measurement.z, measurement.R)
+    d2, counts = found.tolist(), sizes.tolist()
     limits = [chi_square_quantile(settings.confidence, count) if count else 0.0 for count in counts]
     yaw_known = bool(P[YAW, YAW] <= settings.yaw_known**2)
     if yaw_known and not since and d2[0] <= limits[0] and d2[1] <= limits[1] and d2[2] <= limits[2]:
@@ -128,19 +140,23 @@ def judge(
             dropped.append(g)
             continue
         key = f"{measurement.source}/{name}"
-        elapsed = max(0.0, measurement.stamp - after.get(key, measurement.stamp))
+        rows = _GROUP_OF[measurement.components] == g
+        numbers = frozenset(measurement.components[rows].tolist())
+        elapsed = max(0.0, measurement.stamp - after[key].begun) if key in after else 0.0
         if surprise <= limit * 2.0 ** min(_MOST_DOUBLINGS, elapsed / settings.widening_time):
             if surprise > limit:
                 share = math.sqrt(1.0 / limit - 1.0 / surprise)
-                part = share * _absorbed(x, measurement, _GROUP_OF[measurement.components] == g)
+                part = share * _absorbed(x, measurement, rows)
                 jump = part if jump is None else jump + part
-            if key in after:
-                after = {k: v for k, v in after.items() if k != key}
+            # Who measures no more than what is believed here begins to be refused anew.
+            after = {
+                k: v for k, v in after.items() if k != key and not (v.group == g and v.components <= numbers)
+            }
         else:
             refused.append(f"{name} gate")
             dropped.append(g)
             if key not in after:
-                after = {**after, key: measurement.stamp}
+                after = {**after, key: Streak(measurement.stamp, g, numbers)}
     if not dropped:
         return Verdict(measurement, jump, (), after)
     keep = ~np.isin(_GROUP_OF[measurement.components], dropped)

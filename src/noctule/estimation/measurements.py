@@ -37,7 +37,10 @@ class Component(IntEnum):
 class NavdataNoise(Settings):
     """How far what the vehicle reports of itself is to be believed, beside the biases in the state."""
 
-    velocity_sd: float = Field(0.06, gt=0.0, le=5.0, description="body velocity, each axis [m/s]")
+    velocity_sd: float = Field(0.06, gt=0.0, le=5.0, description="forward and left velocity [m/s]")
+    # The bias of the climb is no state: position and height tell it well enough, so it counts as noise, and
+    # as it does not average out it counts for more than it is.
+    climb_sd: float = Field(0.2, gt=0.0, le=5.0, description="upward velocity with its bias [m/s]")
     height_sd: float = Field(0.025, gt=0.0, le=5.0, description="height above the floor [m]")
     heading_sd: float = Field(0.05, gt=0.0, le=3.0, description="heading, without its slow drift [rad]")
 
@@ -107,7 +110,7 @@ def of_vehicle_state(
     if state.v_body is not None:
         parts += [Component.FORWARD, Component.LEFT, Component.UP]
         z += [float(v) for v in state.v_body]
-        sd += [noise.velocity_sd] * 3
+        sd += [noise.velocity_sd, noise.velocity_sd, noise.climb_sd]
     if state.height is not None:
         parts.append(Component.Z)
         z.append(state.height)

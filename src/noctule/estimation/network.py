@@ -26,7 +26,7 @@ from noctule.estimation.contributions import Contribution, contribution_of
 from noctule.estimation.delayed import DEFAULTS, DelayedFilter, FilterSettings
 from noctule.estimation.events import Input
 from noctule.estimation.filter_state import FilterError, StateEstimate, start_at
-from noctule.estimation.gating import judge
+from noctule.estimation.gating import Streak, judge
 from noctule.estimation.measurements import Measurement
 from noctule.estimation.vehicle_model import VehicleModel
 from noctule.settings import Settings
@@ -45,7 +45,7 @@ class Node:
         self.name = name
         self.filter = DelayedFilter(start, model, settings)
         self.refusals: Counter[str] = Counter()  # by this node's own gates: "depth: yaw gate"
-        self._since: Mapping[str, float] = {}
+        self._since: Mapping[str, Streak] = {}
 
     def measure(self, measurement: Measurement, now: float | None = None) -> Contribution | None:
         """Use the node's own measurement and return what to share; None when there is nothing to.
