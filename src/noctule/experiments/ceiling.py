@@ -16,9 +16,10 @@ from noctule.geometry import Array, Pose
 from noctule.localization.calibration.offset import Standing, measure_offset
 from noctule.localization.detection.samples import FlightSamples
 from noctule.localization.detector_file import Detectors
+from noctule.localization.learning.bootstrap import MIN_AREA
 from noctule.localization.learning.detectors import fit_detectors
 from noctule.localization.learning.template import learn_template
-from noctule.localization.locator import Locator
+from noctule.localization.locator import Locator, LocatorSettings
 from noctule.localization.template import Template
 from noctule.simulation.ceiling import CeilingSpec, DepthStage, manual_flight
 from noctule.vision.depth import learn_background
@@ -52,7 +53,7 @@ class TaughtCamera:
 
     def locator(self) -> Locator:
         """Return the default method, which has seen nothing yet."""
-        return Locator(self.camera, self.background, self.template, self.detectors.band, offset=self.offset)
+        return _locator(self.camera, self.background, self.template, self.detectors, self.offset)
 
 
 def teach_camera(seed: int, hull: bool, markers: bool = False) -> TaughtCamera:
@@ -69,7 +70,7 @@ def teach_camera(seed: int, hull: bool, markers: bool = False) -> TaughtCamera:
     begin += _FLIGHT_SECONDS + _BETWEEN
     standing = []
     for true in map(np.array, _STOOLS):
-        locator = Locator(camera, background, template, detectors.band)
+        locator = _locator(camera, background, template, detectors, np.zeros(3))
         found = [
             locator.step(stage.frame(begin + k / RATE, Pose(true, 0.0))).measurement
             for k in range(_STOOL_FRAMES)
@@ -78,6 +79,14 @@ def teach_camera(seed: int, hull: bool, markers: bool = False) -> TaughtCamera:
         begin += _STOOL_FRAMES / RATE + _BETWEEN
     offset = measure_offset(standing).bias
     return TaughtCamera(stage, background, detectors, template, offset, samples, begin)
+
+
+def _locator(
+    camera: FixedCamera, background: Background, template: Template, detectors: Detectors, offset: Array
+) -> Locator:
+    # Detectors were fitted on pieces as small as this.
+    settings = LocatorSettings(min_area=MIN_AREA)
+    return Locator(camera, background, template, detectors.band, settings, offset=-offset)
 
 
 def stamps(begin: float, count: int) -> Iterator[float]:

@@ -22,6 +22,7 @@ from noctule.experiments.ceiling import RATE, TaughtCamera, stamps, teach_camera
 from noctule.geometry import Array, Pose
 from noctule.localization.detection.detector import Detector
 from noctule.localization.heading.pose import blob_position
+from noctule.localization.learning.bootstrap import MIN_AREA
 from noctule.simulation.ceiling import Motion, ThingPose, Walker, manual_flight
 from noctule.vision.depth import find_blobs
 
@@ -30,7 +31,6 @@ METHODS = ("cubics", "band", "hu", "tracked")
 _NEAR = 0.15  # [m], what is accepted within this of the drone is the drone
 _APART = 3  # [px] between outlines
 _VISIBLE = 0.95  # share of its outline that nothing hides
-_MIN_AREA = 40  # [px]
 _CARRIED = (0.9, 1.2)  # [m], heights of the tray
 
 Progress = Callable[[int], None]
@@ -123,7 +123,7 @@ def measure_detection(
         frame = taught.stage.frame(stamp, pose, things)
         apart[k] = is_apart(taught, pose, things)
         started = time.perf_counter()
-        _, blobs = find_blobs(frame.depth, taught.background, taught.camera.intrinsics, min_area=_MIN_AREA)
+        _, blobs = find_blobs(frame.depth, taught.background, taught.camera.intrinsics, min_area=MIN_AREA)
         found = time.perf_counter() - started
         for detector in detectors:
             started = time.perf_counter()

@@ -24,6 +24,7 @@ from noctule.localization.heading.method import HeadingMethod
 from noctule.localization.heading.pose import blob_position
 from noctule.localization.heading.shape import HARMONIC, PLANE
 from noctule.localization.heading.sighting import Sighting
+from noctule.localization.learning.bootstrap import MIN_AREA
 from noctule.messages import DepthFrame
 from noctule.simulation.ceiling import ThingPose, spread_poses
 from noctule.vision.depth import find_blobs
@@ -33,7 +34,6 @@ APPROACH = 15  # frames, half a second
 _NEAR_PERSON = (0.40, 0.75)  # [m], from the drone's middle to the person's
 _PERSON_FRAMES = 4  # the last ones
 _SPEED, _TURN = 0.2, math.radians(10.0)  # [m/s], [rad/s], of the approach
-_MIN_AREA = 40  # [px]
 
 Progress = Callable[[int], None]
 Row = tuple[Array, float, bool]
@@ -132,7 +132,7 @@ def measure_poses(
 def _blob_methods(
     taught: TaughtCamera, frame: DepthFrame, pose: Pose, methods: Sequence[HeadingMethod]
 ) -> Mapping[str, Row]:
-    labels, blobs = find_blobs(frame.depth, taught.background, taught.camera.intrinsics, min_area=_MIN_AREA)
+    labels, blobs = find_blobs(frame.depth, taught.background, taught.camera.intrinsics, min_area=MIN_AREA)
     joined, _ = join_splinters(blobs, taught.camera)
     if not joined:
         return dict.fromkeys((method.name for method in methods), _NOTHING)
