@@ -22,7 +22,8 @@ Map = NDArray[np.float32]
 
 BAND = 0.13  # [m], a reading this near to the body's height may be drone; from localization.md
 BELOW = 0.5  # [m], foreground between the band and this far below is neither drone nor free
-_PIXELS_PER_CELL = 1.25  # along a side at least; nearer drones are read with a stride
+_THICK = 0.08  # [m], from the plane up to the highest that is drone
+_PER_CELL_U, _PER_CELL_V = 2.0, 1.0  # readings along a cell's sides at least; nearer drones are read in strides
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,7 @@ class Evidence:
     """A frame's readings, counted in a grid laid out in the axes of a supposed pose."""
 
     pose: Pose  # supposed
+    R_world_body: Array  # (3, 3), its rotation
     distance: float  # [m], of that from the camera, along its axis
     grid: Grid
     drone: Map  # (n, n), area [cells] of the drone readings in a cell: about 1 where all of it is drone
@@ -62,37 +64,60 @@ def gather(
 
     `nearest` (h, w) [mm] is the background's: a reading below it is foreground.
     """
-    R_body_camera = pose.R_world_body.T @ camera.R_world_camera
-    t_body_camera = pose.R_world_body.T @ (camera.t_world_camera - pose.position)
+    R_world_body = pose.R_world_body
+    R_body_camera = R_world_body.T @ camera.R_world_camera
+    t_body_camera = R_world_body.T @ (camera.t_world_camera - pose.position)
     k = camera.intrinsics
     n = grid.n
     drone, free, height = (np.zeros((n, n), dtype=np.float32) for _ in range(3))
-    left, top, right, bottom = window(camera, pose, grid)
+    left, top, right, bottom = _window(
+        R_body_camera, t_body_camera, grid.half, grid.plane, (k.fx, k.fy, k.cx, k.cy), k.width, k.height
+    )
     distance = -float(R_body_camera[:, 2] @ t_body_camera)
     if left < right and top < bottom and distance > 0.0:
-        stride = max(1, int(grid.cell * k.fx / (_PIXELS_PER_CELL * distance)))
+        strides = (
+            max(1, int(grid.cell * k.fx / (_PER_CELL_U * distance))),
+            max(1, int(grid.cell * k.fy / (_PER_CELL_V * distance))),
+        )
         _count(
             depth, nearest, (k.fx, k.fy, k.cx, k.cy), R_body_camera, t_body_camera,
-            (left, top, right, bottom), stride, grid.cell, grid.plane, BAND, BELOW, drone, free, height,
+            (left, top, right, bottom), strides, grid.cell, grid.plane, BAND, BELOW, drone, free, height,
         )  # fmt: skip
-    return Evidence(pose, distance, grid, drone, free, height)
+    return Evidence(pose, R_world_body, distance, grid, drone, free, height)
 
 
-def window(camera: FixedCamera, pose: Pose, grid: Grid) -> tuple[int, int, int, int]:
-    """Return the part of the picture that shows a grid: left, top, right, bottom [px], clipped to the picture."""
-    a = grid.half
-    corners = np.array([[x, y, z] for x in (-a, a) for y in (-a, a) for z in (grid.plane - 0.05, grid.plane)])
-    x = camera.to_camera(corners @ pose.R_world_body.T + pose.position)
-    if (x[:, 2] < 0.05).any():
-        return 0, 0, 0, 0
-    p = camera.intrinsics.project(x)
-    low, high = np.floor(p.min(axis=0)), np.ceil(p.max(axis=0))
-    k = camera.intrinsics
+@compiled
+def _window(
+    R: Array,
+    t: Array,
+    half: float,
+    plane: float,
+    intrinsics: tuple[float, float, float, float],
+    width: int,
+    height: int,
+) -> tuple[int, int, int, int]:
+    """Return the part of the picture that shows a grid: left, top, right, bottom [px], clipped to it.
+
+    R, t take camera coordinates to the body's.
+    """
+    fx, fy, cx, cy = intrinsics
+    left, top, right, bottom = np.inf, np.inf, -np.inf, -np.inf
+    for x in (-half, half):
+        for y in (-half, half):
+            for z in (plane, plane + _THICK):
+                dx, dy, dz = x - t[0], y - t[1], z - t[2]
+                depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+                if depth < 0.05:
+                    return 0, 0, 0, 0
+                u = fx * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + cx
+                v = fy * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + cy
+                left, top = min(left, u), min(top, v)
+                right, bottom = max(right, u), max(bottom, v)
     return (
-        int(min(max(low[0], 0.0), k.width)),
-        int(min(max(low[1], 0.0), k.height)),
-        int(min(max(high[0] + 1.0, 0.0), k.width)),
-        int(min(max(high[1] + 1.0, 0.0), k.height)),
+        int(min(max(left, 0.0), width)),
+        int(min(max(top, 0.0), height)),
+        int(min(max(right + 2.0, 0.0), width)),
+        int(min(max(bottom + 2.0, 0.0), height)),
     )
 
 
@@ -104,7 +129,7 @@ def _count(
     R: Array,
     t: Array,
     window: tuple[int, int, int, int],
-    stride: int,
+    strides: tuple[int, int],
     cell: float,
     plane: float,
     band: float,
@@ -118,35 +143,39 @@ def _count(
     n = drone.shape[0]
     inverse = 1.0 / cell
     middle = 0.5 * n
-    scale = (stride / cell) ** 2 / (fx * fy)  # a reading stands for its pixel's shadow on the level plane
+    scale = strides[0] * strides[1] / (cell * cell * fx * fy)  # a reading stands for its pixel's shadow on the level plane
     left, top, right, bottom = window
-    for v in range(top, bottom, stride):
+    tx, ty, tz = t
+    rx_x, ry_x, rz_x = R[0, 0], R[1, 0], R[2, 0]
+    per_fx = 1.0 / fx
+    for v in range(top, bottom, strides[1]):
         y_m = (v - cy) / fy
         ax = R[0, 1] * y_m + R[0, 2]
         ay = R[1, 1] * y_m + R[1, 2]
         az = R[2, 1] * y_m + R[2, 2]
-        for u in range(left, right, stride):
+        for u in range(left, right, strides[0]):
             reading = depth[v, u]
             if reading == 0:
                 continue
-            x_m = (u - cx) / fx
-            rz = az + R[2, 0] * x_m
+            x_m = (u - cx) * per_fx
+            rz = az + rz_x * x_m
             d = reading * 0.001
-            over = t[2] + d * rz - plane
+            over = tz + d * rz - plane
             if over > band:
                 continue  # something nearer hides the cell
             near = reading < nearest[v, u]
             seen = near and over > -band
             if near and not seen and over > -below:
                 continue  # a thing that reaches up to the body: a slice of it looks like anything
+            along = 1.0 / rz
             if not seen:
-                d = (plane - t[2]) / rz
+                d = (plane - tz) * along
                 # Near the floor a body may be too close to the background to be told from it.
                 if over > -band and d * 1000.0 >= nearest[v, u]:
                     continue
-            area = d * d * scale / -rz
-            i = int((t[0] + d * (ax + R[0, 0] * x_m)) * inverse + middle)
-            j = int((t[1] + d * (ay + R[1, 0] * x_m)) * inverse + middle)
+            area = -d * d * scale * along
+            i = int((tx + d * (ax + rx_x * x_m)) * inverse + middle)
+            j = int((ty + d * (ay + ry_x * x_m)) * inverse + middle)
             if i < 0 or j < 0 or i >= n or j >= n:
                 continue
             if seen:

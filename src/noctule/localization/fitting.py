@@ -84,7 +84,7 @@ def refine(
     m = probability.shape[0]
     inverse = 1.0 / cell
     cells = np.empty((share.size, 4))
-    gradient, e = np.zeros(3), np.zeros(3)
+    gradient, e, last = np.zeros(3), np.zeros(3), np.zeros(3)
     moved = 2.0 * _FAR
     count = 0
     for step in range(steps):
@@ -129,13 +129,16 @@ def refine(
         if not solve3(information, gradient, e):
             return step
         shrink = 1.0 / max(math.hypot(e[0], e[1]) / 0.02, abs(e[2]) / 0.12, 1.0)
+        if e[0] * last[0] + e[1] * last[1] + 0.06 * e[2] * last[2] < 0.0:
+            shrink *= 0.5  # it went too far, and would swing for long
         e[0], e[1], e[2] = shrink * e[0], shrink * e[1], shrink * e[2]
+        last[:] = e
         pose[0] += c * e[0] - s * e[1]
         pose[1] += s * e[0] + c * e[1]
         pose[2] += e[2]
         size = math.hypot(e[0], e[1]) + 0.25 * abs(e[2])
         moved += size
-        if size < 5e-4:
+        if size < 6e-4:
             return step + 1
     return steps
 
@@ -246,3 +249,61 @@ def misfit(
                 relief += w * min(r * r, most)
                 total += w
     return 0.5 * outline, 0.5 * relief / height_sd**2, total
+
+
+@compiled
+def contrast(
+    share: Map,
+    trust: Map,
+    drone: Map,
+    height: Map,
+    probability: Map,
+    variance: Map,
+    surface: Map,
+    telling: Array,
+    cell: float,
+    pose: Array,
+    fitted: Array,
+    height_sd: float,
+) -> float:
+    """Return the misfit as above of the template's cells `telling` (k, 4): i, j, weights of outline and surface."""
+    n, m = share.shape[0], probability.shape[0]
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    outline, relief = 0.0, 0.0
+    most = (3.0 * height_sd) ** 2
+    for k in range(len(telling)):
+        a, b = int(telling[k, 0]), int(telling[k, 1])
+        qx, qy = (a + 0.5 - 0.5 * m) * cell, (b + 0.5 - 0.5 * m) * cell
+        fi = (pose[0] + c * qx - s * qy) / cell + 0.5 * n
+        fj = (pose[1] + s * qx + c * qy) / cell + 0.5 * n
+        if fi < 0.0 or fj < 0.0 or fi >= n or fj >= n:
+            continue
+        i, j = int(fi), int(fj)
+        difference = share[i, j] - probability[a, b]
+        outline += telling[k, 2] * trust[i, j] * difference * difference / (variance[a, b] + FLOOR)
+        if drone[i, j] > 0.2:
+            r = height[i, j] / drone[i, j] - surface[a, b] - (fitted[0] + fitted[1] * qx + fitted[2] * qy)
+            relief += telling[k, 3] * min(drone[i, j], 1.0) * min(r * r, most)
+    return 0.5 * (outline + relief / height_sd**2)
+
+
+@compiled
+def moved(
+    R: Array, position: Array, at: Array, surface: Array
+) -> tuple[float, float, float, float, float, float]:
+    """Return x, y, z [m], yaw, roll, pitch [rad] of a pose R, position after a fit in its axes.
+
+    `at` (3,) is x, y [m] and heading [rad], `surface` (3,) height [m] and slopes along the turned x and y.
+    """
+    x, y, z = position + R[:, 0] * at[0] + R[:, 1] * at[1] + R[:, 2] * surface[0]
+    c, s = math.cos(at[2]), math.sin(at[2])
+    forward, left = c * R[:, 0] + s * R[:, 1], c * R[:, 1] - s * R[:, 0]
+    # The surface rises by the slopes: forward and left turn up with it.
+    up = R[:, 2]
+    a, b = math.atan(surface[1]), math.atan(surface[2])
+    nose = math.cos(a) * forward + math.sin(a) * up
+    up_a = math.cos(a) * up - math.sin(a) * forward
+    side_z = math.cos(b) * left[2] + math.sin(b) * up_a[2]
+    up_z = math.cos(b) * up_a[2] - math.sin(b) * left[2]
+    pitch = -math.asin(min(1.0, max(-1.0, nose[2])))
+    return x, y, z, math.atan2(nose[1], nose[0]), math.atan2(side_z, up_z), pitch

@@ -31,6 +31,7 @@ from noctule.vision.depth.blobs import find_blobs
 
 _STEP = 0.04  # [m], of the search's shifts
 _MOST_STEPS = 4
+_JUMP, _TURN, _SIGMAS = 0.03, 0.06, 4.0  # [m], [rad], and deviations of the prediction, that a drone may be off
 _UNKNOWN_YAW = (math.pi / 2.0) ** 2  # [rad^2], added to the variance while the half turn is undecided
 
 
@@ -52,13 +53,17 @@ class LocatorSettings(Settings):
         default=1.4, gt=0.0, le=4.5, description="misfit of the surface, per cell, above which the drone is lost"
     )
     min_visible: float = Field(
-        default=0.25, ge=0.0, le=1.0, description="share of the drone that must be seen while it is tracked"
+        default=0.35, ge=0.0, le=1.0, description="share of the drone that must be seen while it is tracked"
     )
     sure_ratio: float = Field(default=0.5, ge=0.0, le=2.0, description="score over nominal that leaves no doubt")
+    sure_outline: float = Field(
+        default=0.85, gt=0.0, le=10.0, description="misfit of the outline that leaves no doubt"
+    )
+    sure_visible: float = Field(default=0.45, ge=0.0, le=1.0, description="share seen that leaves no doubt")
     max_doubt: float = Field(default=0.25, ge=0.0, le=5.0, description="[s], longest time in doubt")
     start_ratio: float = Field(default=0.6, ge=0.0, le=2.0, description="score over nominal of a drone found anew")
     start_outline: float = Field(
-        default=0.65, gt=0.0, le=10.0, description="misfit of the outline of a drone found anew"
+        default=0.6, gt=0.0, le=10.0, description="misfit of the outline of a drone found anew"
     )
     start_relief: float = Field(
         default=1.2, gt=0.0, le=4.5, description="misfit of the surface of a drone found anew"
@@ -173,19 +178,31 @@ class Locator:
         if found.visible < s.min_visible:
             return self._unseen(found)
         doubtful = stamp - self._sure
-        if found.ratio >= s.sure_ratio:
-            self._sure = stamp
-        elif found.ratio < s.min_ratio or doubtful > s.max_doubt:
+        if found.ratio < s.min_ratio:
             return (
-                f"low score: {100.0 * found.ratio:.0f} % of what the drone would score for {doubtful:.2f} s, "
-                f"expected at least {100.0 * s.min_ratio:.0f} %, or {100.0 * s.sure_ratio:.0f} % in the long run"
+                f"low score: {100.0 * found.ratio:.0f} % of what the drone would score, "
+                f"expected at least {100.0 * s.min_ratio:.0f} %"
+            )
+        sure = found.ratio >= s.sure_ratio and found.visible >= s.sure_visible
+        if sure and found.outline <= s.sure_outline:
+            self._sure = stamp
+        elif doubtful > s.max_doubt:
+            return (
+                f"in doubt: for {doubtful:.2f} s too little of it fits (seen {100.0 * found.visible:.0f} %, score "
+                f"{100.0 * found.ratio:.0f} %, outline's misfit {found.outline:.2f}), allowed {s.max_doubt:.2f} s"
             )
         if found.relief > s.max_relief:
             return f"another shape: surface misfit {found.relief:.2f}, expected at most {s.max_relief:.2f}"
+        P = expected.covariance
         jump = float(np.linalg.norm(found.pose.position - expected.pose.position))
-        far = 0.1 + 3.0 * math.sqrt(float(expected.covariance[:3, :3].trace()))
-        if jump > far:
-            return f"jump: {jump:.2f} m from where it must be, at most {far:.2f} m"
+        turn = abs(wrap_angle(found.pose.yaw - expected.pose.yaw))
+        far = _JUMP + _SIGMAS * math.sqrt(float(P[:3, :3].trace()))
+        round_ = _TURN + _SIGMAS * math.sqrt(float(P[3, 3]))
+        if jump > far or turn > round_:
+            return (
+                f"jump: {jump:.2f} m and {math.degrees(turn):.0f} deg from where it must be, at most {far:.2f} m "
+                f"and {math.degrees(round_):.0f} deg"
+            )
         return ""
 
     def _unseen(self, found: Registration) -> str:

@@ -15,15 +15,15 @@ from noctule.localization.evidence import Grid, Map
 from noctule.localization.template import Template
 
 BLOCK = 0.04  # [m], side of the blocks of cells of the coarse search, and its step
-MARGIN = 0.06  # [m], the evidence reaches this far beyond the template's own cells
-_REACH = 3  # cells around the template's edges that may belong to them
-_STEEP = 0.02  # change of the probability from cell to cell that makes an edge
+MARGIN, WIDE = 0.03, 0.1  # [m], the evidence reaches this far beyond the template's cells, tracking and searching
+_REACH = 2  # cells around the template's edges that may belong to them
+_STEEP = 0.03  # change of the probability from cell to cell that makes an edge
 _STEPS = 8  # of the refinement at most
 TILT_SD = math.radians(3.0)  # how far the tilt may be from the predicted one
 SURFACE_SD = 0.02  # [m], of one cell's height; cells err together, so this is more than their spread
 _RELIEF_SD, _RELIEF_STEP = 0.004, 0.0014  # [m], [1/m], of one cell's height: the shape's part, and the sensor's
 _TELLING, _TELLING_HEIGHT = 0.3, 0.007  # differences of probability and height [m] that tell nose from tail
-_OUTLINE_SHARE = np.float32(0.5)  # neighbouring cells of an outline err together, more than heights do
+_OUTLINE_SHARE = 0.5  # neighbouring cells of an outline err together, more than heights do
 _USUAL_DISTANCE = 2.0  # [m], from the camera, for the evidence that counts as usual
 
 Seen = tuple[Map, Map, Map, Map]
@@ -34,7 +34,8 @@ class Matcher:
     """What `registration` lays over the evidence."""
 
     template: Template
-    grid: Grid  # in which evidence is gathered
+    grid: Grid  # in which evidence is gathered while tracking
+    wide: Grid  # in which it is gathered to search
     expected: Map  # (n, n), expected log-likelihood ratio of a cell that is seen
     solid: Map  # (n, n), weight of a cell's height
     edges: NDArray[np.uint8]  # (n, n), 1 near the template's edges
@@ -42,9 +43,9 @@ class Matcher:
     coarse_drone: Map  # (n, n), log-likelihood ratios, blurred as the blocks are
     coarse_free: Map
     seen: float  # weight of all cells
-    telling: Map  # (n, n), weight of a cell's outline for the half turn
-    telling_solid: Map  # (n, n), weight of a cell's height for the half turn
-    half_turn: float  # by how much these grow when the template itself is turned by pi
+    telling: Array  # (k, 4), cells that tell the half turn: i, j, weights of outline and surface
+    turned: Array  # (3,) x, y [m], heading [rad] that lay the template, turned around, best over itself
+    half_turn: float  # by how much these cells then fit worse
 
     @classmethod
     def of(cls, template: Template) -> Matcher:
@@ -56,11 +57,12 @@ class Matcher:
         block = max(1, round(BLOCK / cell))
         i, j = np.nonzero(template.weight)
         used = np.abs(np.concatenate([i, j]) - 0.5 * (template.grid.n - 1)).max() + 0.5
-        half = math.ceil(used + MARGIN / cell)
+        near, wide = (2 * math.ceil(used + margin / cell) for margin in (MARGIN, WIDE))
         solid = np.asarray(np.where((p > 0.3) & (template.height != 0.0), p, 0.0), dtype=np.float32)
         matcher = cls(
             template,
-            Grid(cell, 2 * half, template.grid.plane),
+            Grid(cell, near, template.grid.plane),
+            Grid(cell, wide, template.grid.plane),
             np.asarray(p * template.log_drone + (1.0 - p) * template.log_free, dtype=np.float32),
             solid,
             np.asarray(edges),
@@ -68,15 +70,17 @@ class Matcher:
             np.asarray(cv2.blur(template.log_drone, (block, block)), dtype=np.float32),
             np.asarray(cv2.blur(template.log_free, (block, block)), dtype=np.float32),
             float(template.weight.sum()),
-            *_telling(template, solid),
+            _telling(template, solid),
+            np.array([0.0, 0.0, math.pi]),
             0.0,
         )
         # Itself, seen in full and without noise.
         here = np.zeros(3)
         seen = (p, template.weight, p, np.asarray(p * template.height, dtype=np.float32))
-        turned, _ = matcher.refine(p, template.weight, np.array([0.0, 0.0, math.pi]))
+        turned, _ = matcher.refine(p, template.weight, matcher.turned)
         loss = matcher.contrast(seen, turned, matcher.surface(p, seen[3], turned)[0], _USUAL_DISTANCE)
-        return replace(matcher, half_turn=loss - matcher.contrast(seen, here, here, _USUAL_DISTANCE))
+        loss -= matcher.contrast(seen, here, here, _USUAL_DISTANCE)
+        return replace(matcher, turned=turned, half_turn=loss)
 
     def search(self, share: Map, trust: Map, headings: Array, reach: int) -> tuple[Array, Array]:
         """Return for each heading [rad] the best of shifts up to `reach` steps, (k, 3), and its score (k,)."""
@@ -94,12 +98,14 @@ class Matcher:
         c, s = np.cos(headings), np.sin(headings)
         return np.column_stack([c * x - s * y, s * x + c * y, headings]), flat.max(axis=1)
 
-    def refine(self, share: Map, trust: Map, start: Array) -> tuple[Array, Array]:
+    def refine(
+        self, share: Map, trust: Map, start: Array, steps: int = _STEPS
+    ) -> tuple[Array, Array]:
         """Return x, y [m], heading [rad] of the template near `start` (3,), and the information (3, 3)."""
         t = self.template
         information, pose = np.zeros((3, 3)), start.copy()
         fitting.refine(
-            share, trust, t.probability, t.variance, self.edges, t.grid.cell, pose, _STEPS, information
+            share, trust, t.probability, t.variance, self.edges, t.grid.cell, pose, steps, information
         )
         return pose, information
 
@@ -119,38 +125,42 @@ class Matcher:
         )
         return out, cells
 
-    def misfits(self, seen: Seen, pose: Array, surface: Array, distance: float) -> tuple[float, float]:
+    def misfits(
+        self, seen: Seen, pose: Array, surface: Array, distance: float, weight: float
+    ) -> tuple[float, float]:
         """Return how badly outline and surface of the template fit at a pose (3,), per cell seen.
 
-        `seen` is share, trust, drone and height of the cells, `distance` [m] that from the camera along its axis.
-        Half is usual where the errors are those that the template was learned with.
+        `seen` is share, trust, drone and height of the cells, `distance` [m] that from the camera along its axis,
+        `weight` that of the cells seen.
         """
         t = self.template
-        outline, relief, cells = self._misfit(seen, t.weight, self.solid, pose, surface, distance)
-        weight = self.judge(seen[0], seen[1], pose)[2]
+        outline, relief, cells = fitting.misfit(
+            *seen, t.probability, t.variance, t.weight, self.solid, t.height, t.grid.cell, pose, surface,
+            _relief_sd(distance),
+        )  # fmt: skip
         return outline / max(weight, 1.0), relief / max(cells, 1.0)
 
     def contrast(self, seen: Seen, pose: Array, surface: Array, distance: float) -> float:
         """Return the misfit of the cells that tell a heading from its half turn."""
-        outline, relief, _ = self._misfit(seen, self.telling, self.telling_solid, pose, surface, distance)
-        return outline + relief
-
-    def _misfit(
-        self, seen: Seen, weight: Map, solid: Map, pose: Array, surface: Array, distance: float
-    ) -> tuple[float, float, float]:
         t = self.template
-        sd = math.hypot(_RELIEF_SD, _RELIEF_STEP * distance**2)
-        return fitting.misfit(
-            *seen, t.probability, t.variance, weight, solid, t.height, t.grid.cell, pose, surface, sd
-        )
+        return fitting.contrast(
+            *seen, t.probability, t.variance, t.height, self.telling, t.grid.cell, pose, surface,
+            _relief_sd(distance),
+        )  # fmt: skip
 
 
-def _telling(template: Template, solid: Map) -> tuple[Map, Map]:
-    """Return the weights of the cells that differ from those half a turn away, outline and surface.
+def _relief_sd(distance: float) -> float:
+    return math.hypot(_RELIEF_SD, _RELIEF_STEP * distance**2)
+
+
+def _telling(template: Template, solid: Map) -> Array:
+    """Return the cells that differ from those half a turn away, (k, 4): i, j, weights of outline and surface.
 
     What hardly differs, like the rims of a hull, differs more from view to view than from nose to tail.
     """
     p, h = template.probability, template.height
-    outline = template.weight * (np.abs(p - p[::-1, ::-1]) > _TELLING)
+    outline = _OUTLINE_SHARE * template.weight * (np.abs(p - p[::-1, ::-1]) > _TELLING)
     differs = (np.abs(h - h[::-1, ::-1]) > _TELLING_HEIGHT) & (solid > 0.0) & (solid[::-1, ::-1] > 0.0)
-    return _OUTLINE_SHARE * outline.astype(np.float32), solid * differs.astype(np.float32)
+    relief = solid * differs
+    i, j = np.nonzero((outline > 0.0) | (relief > 0.0))
+    return np.column_stack([i, j, outline[i, j], relief[i, j]]).astype(np.float64)

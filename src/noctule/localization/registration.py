@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.camera import FixedCamera
-from noctule.geometry import Array, Pose, rot_x, rot_y, rot_z, wrap_angle
-from noctule.localization import scoring
+from noctule.geometry import Array, Pose, rot_z, wrap_angle
+from noctule.localization import fitting, scoring
 from noctule.localization.evidence import Evidence, Map, gather
 from noctule.localization.matcher import SURFACE_SD, Matcher, Seen
 from noctule.messages import DepthFrame
@@ -27,6 +27,7 @@ ALL = np.radians(np.arange(0.0, 360.0, 10.0))
 """Headings tried where nothing is predicted [rad]."""
 
 _GOOD = 0.75  # a ratio that needs no search
+_TURNED_STEPS = 2  # of the refinement of the half turn, which starts where the template says
 _FAR = 0.03  # [m], when the height was predicted worse than this the evidence is gathered again
 _INFLATION = 3.0  # neighbouring cells err together: the curvature promises too much
 _FLOOR_SD = np.array([0.0015, 0.0015, 0.0012, 0.003])  # [m, m, m, rad], what differs with the view
@@ -69,9 +70,10 @@ class Scene:
     camera: FixedCamera
     matcher: Matcher
 
-    def view(self, pose: Pose) -> _View:
-        """Gather the evidence around a supposed pose."""
-        evidence = gather(self.depth, self.nearest, self.camera, pose, self.matcher.grid)
+    def view(self, pose: Pose, wide: bool = False) -> _View:
+        """Gather the evidence around a supposed pose; `wide` to search it for the drone."""
+        grid = self.matcher.wide if wide else self.matcher.grid
+        evidence = gather(self.depth, self.nearest, self.camera, pose, grid)
         share, trust = np.empty_like(evidence.drone), np.empty_like(evidence.drone)
         scoring.shares(evidence.drone, evidence.free, scoring.FULL, share, trust)
         return _View(evidence, share, trust)
@@ -95,18 +97,21 @@ def register(
     matcher = scene.matcher
     view = scene.view(predicted)
     at, information = matcher.refine(view.share, view.trust, np.zeros(3))
-    if searched or _ratio(matcher, view, at) < _GOOD:
-        starts, scores = matcher.search(view.share, view.trust, headings, reach)
-        other, other_information = matcher.refine(view.share, view.trust, starts[int(np.argmax(scores))])
-        if _score(matcher, view, other) > _score(matcher, view, at):
-            at, information = other, other_information
-    return _completed(scene, view, at, information)
+    judged = matcher.judge(view.share, view.trust, at)
+    if searched or judged[0] < _GOOD * judged[1] or judged[1] <= 0.0:
+        around = scene.view(predicted, wide=True)
+        starts, scores = matcher.search(around.share, around.trust, headings, reach)
+        other = matcher.refine(around.share, around.trust, starts[int(np.argmax(scores))])
+        rejudged = matcher.judge(around.share, around.trust, other[0])
+        if rejudged[0] > judged[0]:
+            return _completed(scene, around, *other, rejudged)
+    return _completed(scene, view, at, information, judged)
 
 
 def acquire(scene: Scene, position: Array, reach: int = 3) -> Registration:
     """Register the template around a supposed position (3,) [m] with any heading."""
     matcher = scene.matcher
-    view = scene.view(Pose(position, 0.0))
+    view = scene.view(Pose(position, 0.0), wide=True)
     starts, scores = matcher.search(view.share, view.trust, ALL, reach)
     first = int(np.argmax(scores))
     # Blocks of 4 cm leave open which quarter turn is best: all four are refined.
@@ -114,41 +119,35 @@ def acquire(scene: Scene, position: Array, reach: int = 3) -> Registration:
     found = [
         matcher.refine(view.share, view.trust, starts[(first + k * quarter) % len(ALL)])[0] for k in range(4)
     ]
-    best = max(found, key=lambda at: _score(matcher, view, at))
+    best = max(found, key=lambda at: matcher.judge(view.share, view.trust, at)[0])
     # Once more in its own axes, with the tilt that was not known.
-    return register(scene, _moved(view.evidence.pose, best, _surface(matcher, view, best)[0]))
+    return register(scene, _moved(view.evidence, best, _surface(matcher, view, best)[0]))
 
 
-def _completed(scene: Scene, view: _View, at: Array, information: Array) -> Registration:
+def _completed(
+    scene: Scene, view: _View, at: Array, information: Array, judged: tuple[float, float, float]
+) -> Registration:
     """Return the answer with its height, which was perhaps predicted too badly to trust the rest."""
     matcher = scene.matcher
     surface, cells = _surface(matcher, view, at)
-    pose = _moved(view.evidence.pose, at, surface)
+    pose = _moved(view.evidence, at, surface)
     if abs(surface[0]) > _FAR:
         # The rays that pass the body's height were placed at a wrong height.
         view = scene.view(pose)
         at, information = matcher.refine(view.share, view.trust, np.zeros(3))
         surface, cells = _surface(matcher, view, at)
-        pose = _moved(view.evidence.pose, at, surface)
-    score, nominal, seen = matcher.judge(view.share, view.trust, at)
+        pose = _moved(view.evidence, at, surface)
+        judged = matcher.judge(view.share, view.trust, at)
+    score, nominal, seen = judged
     return Registration(
         pose,
         covariance(information, cells, view.evidence.pose.yaw + float(at[2])),
         score,
         score / nominal if nominal > 0.0 else 0.0,
         min(seen / matcher.seen, 1.0),
-        *matcher.misfits(view.seen, at, surface, view.evidence.distance),
+        *matcher.misfits(view.seen, at, surface, view.evidence.distance, seen),
         _half_turn(matcher, view, at, surface),
     )
-
-
-def _score(matcher: Matcher, view: _View, at: Array) -> float:
-    return matcher.judge(view.share, view.trust, at)[0]
-
-
-def _ratio(matcher: Matcher, view: _View, at: Array) -> float:
-    score, nominal, _ = matcher.judge(view.share, view.trust, at)
-    return score / nominal if nominal > 0.0 else 0.0
 
 
 def _surface(matcher: Matcher, view: _View, at: Array) -> tuple[Array, float]:
@@ -159,21 +158,20 @@ def _half_turn(matcher: Matcher, view: _View, at: Array, surface: Array) -> floa
     """Return by how much the half turn fits worse than `at`, over what it would if all were seen."""
     if matcher.half_turn <= 0.0:
         return 0.0
-    turned, _ = matcher.refine(view.share, view.trust, at + np.array([0.0, 0.0, math.pi]))
+    c, s = math.cos(at[2]), math.sin(at[2])
+    x, y, heading = (float(value) for value in matcher.turned)
+    start = np.array([at[0] + c * x - s * y, at[1] + s * x + c * y, at[2] + heading])
+    turned, _ = matcher.refine(view.share, view.trust, start, _TURNED_STEPS)
     other = _surface(matcher, view, turned)[0]
     distance = view.evidence.distance
     here = matcher.contrast(view.seen, at, surface, distance)
     return (matcher.contrast(view.seen, turned, other, distance) - here) / matcher.half_turn
 
 
-def _moved(pose: Pose, at: Array, surface: Array) -> Pose:
-    """Return the pose that a supposed one becomes: x, y, heading in its axes, then height and slopes."""
-    wx, wy = float(surface[2]), -float(surface[1])  # small rotations about the template's x and y
-    R = pose.R_world_body @ rot_z(float(at[2])) @ rot_y(wy) @ rot_x(wx)
-    position = pose.position + pose.R_world_body @ np.array([at[0], at[1], surface[0]])
-    yaw = math.atan2(R[1, 0], R[0, 0])
-    pitch = -math.asin(min(1.0, max(-1.0, R[2, 0])))
-    return Pose(position, wrap_angle(yaw), math.atan2(R[2, 1], R[2, 2]), pitch)
+def _moved(evidence: Evidence, at: Array, surface: Array) -> Pose:
+    """Return the pose that the supposed one becomes: x, y, heading in its axes, then height and slopes."""
+    x, y, z, yaw, roll, pitch = fitting.moved(evidence.R_world_body, evidence.pose.position, at, surface)
+    return Pose(np.array([x, y, z]), wrap_angle(yaw), roll, pitch)
 
 
 def covariance(information: Array, cells: float, yaw: float) -> Array:
