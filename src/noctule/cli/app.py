@@ -14,6 +14,7 @@ from noctule.cli.calibrate_camera import calibrate_camera
 from noctule.cli.commands import doctor, fly, missions, report
 from noctule.cli.complaints import complaint
 from noctule.cli.experiment_command import experiment
+from noctule.cli.identifying import identify
 from noctule.cli.locate_commands import (
     calibrate_background,
     calibrate_detector,
@@ -33,6 +34,7 @@ _EXAMPLES: dict[Callable[..., int], str] = {
     experiment: "noctule experiment servo-5.1 --law published --seeds 0:10 --json",
     report: "noctule report flights/try --out flights/try/report",
     doctor: "noctule doctor --json",
+    identify: "noctule identify axes.mcap --validation validation.mcap --out sites/lab",
     teach: "noctule teach --video walk.mp4 --focal 510 --out paths/walk",
     locate: "noctule locate --simulated --person --site sites/lab",
 }

@@ -8,7 +8,9 @@ from typing import Literal
 from noctule.cli.commands import Law, NoReport
 from noctule.cli.options import Flag, Seed
 
-Experiment = Literal["servo-5.1", "servo-5.2", "servo-5.3", "servo-5.3-ff", "loc-detection", "loc-pose"]
+Experiment = Literal[
+    "servo-5.1", "servo-5.2", "servo-5.3", "servo-5.3-ff", "loc-detection", "loc-pose", "loc-identification"
+]
 
 
 def experiment(
@@ -23,6 +25,7 @@ def experiment(
     hull: Flag = False,
     person: Flag = False,
     poses: int | None = None,
+    noise: float | None = None,
     seed: Seed = None,
     seeds: str | None = None,
     time_limit: float | None = None,
@@ -38,7 +41,7 @@ def experiment(
         servo-5.1: one target past one column. servo-5.2: four images past two columns. servo-5.3: a closed
         oval of 7.7 m, 30 images. servo-5.3-ff: the same, 35 images, the published law with feed-forward.
         loc-detection: which blob is the drone, beside a person, a box and a tray. loc-pose: how true the
-        pose of a single frame is.
+        pose of a single frame is. loc-identification: k1 to k8 and the delay of a simulated vehicle.
     law
         servo: the control law, noctule, or the published one with its errata mended. Left out, noctule.
     attitude_sd
@@ -55,6 +58,8 @@ def experiment(
         loc-pose: somebody stands at 0.4 to 0.75 m from the drone.
     poses
         loc-pose: how many poses are measured. Left out, 500.
+    noise
+        loc-identification: sd of the velocities that are measured [m/s, rad/s]. Left out, 0.01.
     seed
         What this number draws: textures, furniture, columns, start, noise, gusts. Left out, 0.
     seeds
@@ -77,7 +82,7 @@ def experiment(
     number = one_seed(seed, seeds, 0)
     flown = {"--law": law, "--attitude-sd": attitude_sd, "--time-limit": time_limit}
     oval = {"--laps": laps, "--latency": latency, "--columns": columns or None}
-    measured = {"hull": hull or None, "person": person or None, "poses": poses}
+    measured = {"hull": hull or None, "person": person or None, "poses": poses, "noise": noise}
     if name.startswith("loc-"):
         refuse_others(name, {**flown, **oval, "--no-report": None if report else True})
         return measure_asked(Measurement(name, measured_options(name, measured), number, seeds, out, json))

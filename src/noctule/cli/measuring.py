@@ -40,6 +40,8 @@ def measure_asked(asked: Measurement) -> int:
                 "seed": asked.seed,
                 **_measured(asked.name, asked.options, asked.seed, advance),
             }
+        if asked.out is not None:
+            _keep(asked.name, asked.options, asked.seed, folder)
     else:
         from noctule.campaign.measure import measure_seeds
 
@@ -68,6 +70,14 @@ def _measured(name: str, options: Settings, seed: int, advance: Callable[[int], 
     return MEASURED[name].measure(seed, options, advance)
 
 
+def _keep(name: str, options: Settings, seed: int, folder: Path) -> None:
+    from noctule.experiments.measured import MEASURED
+
+    keep = MEASURED[name].keep
+    if keep is not None:
+        keep(seed, options, folder)
+
+
 def _steps(asked: Measurement) -> int:
     from noctule.experiments.measured import MEASURED
 
@@ -88,22 +98,46 @@ def _bar(label: str, total: int) -> Iterator[Callable[[int], None]]:
         yield lambda done: bar.update(task, completed=done)
 
 
-def figures_text(figures: Mapping[str, Any]) -> str:
+def figures_text(figures: Mapping[str, Any], heading: str = "") -> str:
     """Return a line per number, and a table of the groups that have the same numbers (the methods)."""
     groups = {name: value for name, value in figures.items() if isinstance(value, Mapping)}
     numbers = {name: value for name, value in figures.items() if name not in groups}
     width = max((len(name) for name in numbers), default=0)
     lines = [f"{name:<{width}}  {_number(value)}" for name, value in numbers.items()]
-    if list(groups) == ["methods"]:
-        groups = dict(groups["methods"])
-    if groups:
-        columns = list(dict.fromkeys(key for group in groups.values() for key in group))
-        first = max(len(name) for name in groups)
-        lines += ["", " " * first + "".join(f"  {column:>16}" for column in columns)]
-        for name, group in groups.items():
-            cells = "".join(f"  {_number(group[key]) if key in group else '':>16}" for key in columns)
-            lines.append(f"{name:<{first}}{cells}")
+    flat = {name: group for name, group in groups.items() if not _nested(group)}
+    for table in _tables(flat):
+        lines += ["", *([heading] if heading and table else []), *table]
+    for name, group in groups.items():
+        if name not in flat:
+            below = f"{heading}{name}: " if name != "methods" else heading
+            lines.append(figures_text(group, below))
     return "\n".join(lines)
+
+
+def _nested(group: Mapping[str, Any]) -> bool:
+    return any(isinstance(value, Mapping) for value in group.values())
+
+
+def _tables(groups: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+    """Return the lines of a table for all groups that have a number in common."""
+    together: list[dict[str, Mapping[str, Any]]] = []
+    for name, group in groups.items():
+        shared = [t for t in together if any(key in other for other in t.values() for key in group)]
+        if shared:
+            shared[0][name] = group
+        else:
+            together.append({name: group})
+    return [_table(table) for table in together]
+
+
+def _table(groups: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    columns = list(dict.fromkeys(key for group in groups.values() for key in group))
+    first = max(len(name) for name in groups)
+    lines = [" " * first + "".join(f"  {column:>16}" for column in columns)]
+    for name, group in groups.items():
+        cells = "".join(f"  {_number(group[key]) if key in group else '':>16}" for key in columns)
+        lines.append(f"{name:<{first}}{cells}")
+    return lines
 
 
 def _number(value: Any) -> str:

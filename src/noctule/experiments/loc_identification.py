@@ -82,7 +82,7 @@ class Identified:
     delay_bound: float  # [s]
 
 
-def table_1_spec(noise: float) -> VehicleSpec:
+def table_1_spec(noise: float, gusts: float = 0.0) -> VehicleSpec:
     """Return a simulated vehicle that moves as eq. (2) with Table 1 does, in continuous time.
 
     The simulator steps by Euler, 300 times a second; its k are such that each step is the exact one.
@@ -98,6 +98,7 @@ def table_1_spec(noise: float) -> VehicleSpec:
         command_latency=DELAY,
         report_rate=RATE,
         velocity_noise=noise,
+        gusts=gusts,
     )
 
 
@@ -113,16 +114,18 @@ def axis_inputs() -> Array:
     return np.concatenate(parts)
 
 
-def fly_inputs(seed: int, inputs: Array, noise: float, recording: Path | None = None) -> WholeFlight:
+def fly_inputs(
+    seed: int, inputs: Array, noise: float, recording: Path | None = None, gusts: float = 0.0
+) -> WholeFlight:
     """Send normalised inputs (m, 4), one row a tick, to the simulated vehicle; return what was measured.
 
     The yaw rate, which vehicles do not report, is measured with the same `noise`. Nothing else than commands
     and reports goes into `recording`. Raises RecordingError.
     """
-    gusts, reports, gyro = np.random.SeedSequence([seed, 62]).spawn(3)
+    air, reports, gyro = np.random.SeedSequence([seed, 62]).spawn(3)
     rng = np.random.default_rng(gyro)
     start = Pose(np.array([0.0, 0.0, _HEIGHT]), 0.0)
-    aircraft = Aircraft(table_1_spec(noise), start, True, (gusts, reports))
+    aircraft = Aircraft(table_1_spec(noise, gusts), start, True, (air, reports))
     vehicle = SimulatedVehicle(aircraft, connected=True)
     m = inputs.shape[0]
     stamps, velocities, yaw, rates = np.empty(m), np.empty((m, 3)), np.empty(m), np.empty(m)
@@ -146,12 +149,12 @@ def fly_inputs(seed: int, inputs: Array, noise: float, recording: Path | None = 
     return WholeFlight(stamps.copy(), inputs, stamps, velocities, np.unwrap(yaw), rates)
 
 
-def fly_vehicle(seed: int, noise: float, out: Path | None = None) -> FlownVehicle:
+def fly_vehicle(seed: int, noise: float, out: Path | None = None, gusts: float = 0.0) -> FlownVehicle:
     """Fly both flights; into axes.mcap and validation.mcap of the folder `out` where one is given."""
     t = np.arange(round(SECONDS * RATE)) / RATE
     files = (None, None) if out is None else (out / "axes.mcap", out / "validation.mcap")
-    axes = fly_inputs(2 * seed, axis_inputs(), noise, files[0])
-    return FlownVehicle(axes, fly_inputs(2 * seed + 1, validation_inputs(t), noise, files[1]))
+    axes = fly_inputs(2 * seed, axis_inputs(), noise, files[0], gusts)
+    return FlownVehicle(axes, fly_inputs(2 * seed + 1, validation_inputs(t), noise, files[1], gusts))
 
 
 def identify_flown(flown: FlownVehicle, noise: float) -> Identified:
@@ -163,18 +166,17 @@ def identify_flown(flown: FlownVehicle, noise: float) -> Identified:
 
 
 def run(seed: int, options: IdentificationOptions, out: Path | None = None) -> dict[str, Any]:
-    """Return the figures of one seed: the default method's at the top, all methods' under "methods"."""
+    """Return the figures of one seed: the default method's, and under "methods" those of (15)."""
     return figures_of(identify_flown(fly_vehicle(seed, options.noise, out), options.noise))
 
 
 def figures_of(result: Identified) -> dict[str, Any]:
-    """Return the figures as JSON has them."""
-    methods = {
-        "output-error": _figures(result.output_error, result.bound, result.delay_bound),
-        "published": _figures(result.published, result.bound, None),
+    """Return the figures as JSON has them; nothing is said of a delay where a method finds none."""
+    return {
+        **_figures(result.output_error, result.bound, result.delay_bound),
+        "validation_fit": dict(zip(AXES, result.validation.fit.tolist(), strict=True)),
+        "methods": {"published": _figures(result.published, result.bound, None)},
     }
-    fit = dict(zip(AXES, result.validation.fit.tolist(), strict=True))
-    return {**methods["output-error"], "validation_fit": fit, "methods": methods}
 
 
 def _figures(found: Identification, bound: Array, delay_bound: float | None) -> dict[str, Any]:
@@ -184,10 +186,15 @@ def _figures(found: Identification, bound: Array, delay_bound: float | None) -> 
             zip(TABLE_1, found.k.tolist(), found.sd.tolist(), bound.tolist(), strict=True)
         )
     }
-    delay = {"true": DELAY, "estimate": None, "sd": None, "bound": None}
+    figures: dict[str, Any] = {"parameters": parameters}
     if delay_bound is not None:
-        delay = {"true": DELAY, "estimate": found.delay, "sd": found.delay_sd, "bound": delay_bound}
-    return {"parameters": parameters, "delay_s": delay}
+        figures["delay_s"] = {
+            "true": DELAY,
+            "estimate": found.delay,
+            "sd": found.delay_sd,
+            "bound": delay_bound,
+        }
+    return figures
 
 
 def _window(flight: WholeFlight, axis: int) -> AxisFlight:

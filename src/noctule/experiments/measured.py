@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pydantic import Field
 
 from noctule.experiments.loc_detection import FRAMES, measure_detection
+from noctule.experiments.loc_identification import IdentificationOptions, fly_vehicle, run
 from noctule.experiments.loc_pose import POSES, measure_poses
 from noctule.settings import Settings
 
@@ -34,6 +36,7 @@ class MeasuredExperiment:
     options: type[Settings]
     measure: Callable[[int, Any, Callable[[int], None]], Mapping[str, Any]]  # seed, options, progress
     steps: Callable[[Any], int]  # how many progress counts to, by options
+    keep: Callable[[int, Any, Path], object] | None = None  # leaves a seed's recordings in a folder
 
 
 def _detection(seed: int, options: CeilingOptions, progress: Callable[[int], None]) -> Mapping[str, Any]:
@@ -42,6 +45,16 @@ def _detection(seed: int, options: CeilingOptions, progress: Callable[[int], Non
 
 def _poses(seed: int, options: PoseOptions, progress: Callable[[int], None]) -> Mapping[str, Any]:
     return measure_poses(seed, options.hull, options.person, options.poses, progress)
+
+
+def _identification(
+    seed: int, options: IdentificationOptions, progress: Callable[[int], None]
+) -> Mapping[str, Any]:
+    return run(seed, options)
+
+
+def _keep_flights(seed: int, options: IdentificationOptions, folder: Path) -> object:
+    return fly_vehicle(seed, options.noise, folder)
 
 
 MEASURED: dict[str, MeasuredExperiment] = {
@@ -53,6 +66,13 @@ MEASURED: dict[str, MeasuredExperiment] = {
     ),
     "loc-pose": MeasuredExperiment(
         "How true the pose of a single frame is.", PoseOptions, _poses, lambda options: options.poses
+    ),
+    "loc-identification": MeasuredExperiment(
+        "6.2: k1 to k8 and the delay from flights of the deformed sinusoid.",
+        IdentificationOptions,
+        _identification,
+        lambda _: 1,
+        _keep_flights,
     ),
 }
 """The experiments by the name that `noctule experiment` takes."""

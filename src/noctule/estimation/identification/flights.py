@@ -23,14 +23,17 @@ class ExcitationError(IdentificationError):
 
 @dataclass(frozen=True, slots=True)
 class AxisFlight:
-    """One axis of a flight: what was sent and what was measured."""
+    """One axis of a flight: what was sent and what was measured.
+
+    What is measured as `means` comes from a sensor of its own, which may be later than that of the others.
+    """
 
     command_stamps: Array  # (m,) [s], when each input was sent; it is held until the next
     inputs: Array  # (m,)
     stamps: Array  # (n,) [s], of the measured velocities; (n + 1,) with `means`
     velocities: Array  # (n,) [m/s or rad/s], on the body's axis
     axis: str  # one of AXES
-    means: bool = False  # each velocity is the mean between its two stamps: how far it went, by the time
+    means: bool = False  # each velocity is how far it went between its two stamps, by the time (yaw's sensor)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be identified from."""

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from noctule.estimation.identification.covariance import correlation, deviations
 from noctule.estimation.identification.flights import (
     AXES,
     AxisFlight,
@@ -33,32 +34,42 @@ _LEAST_DRAG = -0.5  # [1/s], below lies no vehicle
 
 
 def own_parameters(flight: Flight) -> int:
-    """Return how many parameters are the flight's own: velocity at its beginning and bias, of each axis."""
-    return 2 * len(axes_of(flight))
+    """Return how many parameters are the flight's own.
+
+    Velocity at the first stamp and bias of each axis; of `means`, how much later their sensor is, too.
+    """
+    return 2 * len(axes_of(flight)) + has_lag(flight)
+
+
+def has_lag(flight: Flight) -> bool:
+    """Whether a flight was measured by a sensor that may be later than others."""
+    return isinstance(flight, AxisFlight) and flight.means
 
 
 def predict(flight: Flight, shared: Array, own: Array) -> tuple[Array, Array]:
     """Return the velocities that are to be measured (axes, n) and their derivatives (axes, n, 9 + own).
 
-    `shared` (9,) is the delay and k1 to k8, `own` the velocity at the first stamp, then the sensor's bias.
+    `shared` (9,) is the delay and k1 to k8, `own` what `own_parameters` counts, in that order.
     """
     if isinstance(flight, AxisFlight):
         a = AXES.index(flight.axis)
         k_u, k_v = shared[1 + 2 * a], shared[2 + 2 * a]
+        delay = shared[0] + (own[2] if flight.means else 0.0)
         v, by, x, x_by = response(
-            k_u, k_v, shared[0], own[0], flight.command_stamps, flight.inputs, flight.stamps
+            k_u, k_v, delay, own[0], flight.command_stamps, flight.inputs, flight.stamps
         )
         if flight.means:
             dt = np.diff(flight.stamps)
             v, by = np.diff(x) / dt, np.diff(x_by, axis=0) / dt[:, None]
-        J = np.zeros((1, v.size, SHARED + 2))
+        J = np.zeros((1, v.size, SHARED + own.size))
         J[0, :, [1 + 2 * a, 2 + 2 * a, 0, SHARED]] = by.T
         J[0, :, SHARED + 1] = 1.0
+        J[0, :, SHARED + 2 :] = by[:, 2:3]
         return v[None] + own[1], J
     v, by = plane_response(
         shared[1:5], shared[0], own[:2], flight.command_stamps, flight.inputs, flight.stamps, flight.yaw
     )
-    J = np.zeros((2, v.shape[1], SHARED + 4))
+    J = np.zeros((2, v.shape[1], SHARED + own.size))
     J[:, :, [1, 2, 3, 4, 0, SHARED, SHARED + 1]] = by
     J[0, :, SHARED + 2] = 1.0
     J[1, :, SHARED + 3] = 1.0
@@ -85,10 +96,17 @@ def residuals(parameters: Array, flights: Sequence[Flight]) -> tuple[Array, Arra
 
 
 def active(flights: Sequence[Flight]) -> Array:
-    """Return the indices of the parameters that the flights say something about."""
+    """Return the indices of the parameters that the flights say something about.
+
+    A sensor is later than others only where there are others.
+    """
     axes = sorted({a for flight in flights for a in moved_axes(flight)})
-    own = sum(own_parameters(flight) for flight in flights)
-    return np.array([0, *(1 + 2 * a + i for a in axes for i in (0, 1)), *range(SHARED, SHARED + own)])
+    own = np.cumsum([SHARED, *(own_parameters(flight) for flight in flights)])
+    chosen = [0, *(1 + 2 * a + i for a in axes for i in (0, 1)), *range(SHARED, own[-1])]
+    lags = [last - 1 for flight, last in zip(flights, own[1:], strict=True) if has_lag(flight)]
+    if len(lags) == len(flights):
+        chosen = [i for i in chosen if i not in lags]
+    return np.array(chosen)
 
 
 def identify(flights: Sequence[Flight]) -> Identification:
@@ -97,7 +115,7 @@ def identify(flights: Sequence[Flight]) -> Identification:
     Beside k_u, k_v and the delay each axis of a flight has the velocity at its beginning and a constant bias
     of the sensor as unknowns, so neither ends up in the drag. Deviations are those of the estimate's
     covariance (J' W J)^-1, each axis weighed by its own noise, which its residuals tell; for white noise that
-    is the Cramer-Rao bound at the estimate.
+    is the Cramer-Rao bound at the estimate. For residuals that are not white see `covariance`.
     """
     if not flights:
         raise IdentificationError("identification: no axis was flown; expected at least one")
@@ -108,11 +126,11 @@ def identify(flights: Sequence[Flight]) -> Identification:
     for _ in range(2):  # what one flight alone cannot tell of its noise, all of them can
         best, _least = _least_squares(best, flights, chosen, _weights(flights, sds))
         sds = _noises(best, flights)
-    _, J = residuals(best, flights)
-    W = J[:, chosen] * _weights(flights, sds)[:, None]
-    covariance = np.linalg.pinv(W.T @ W, hermitian=True)
+    r, J = residuals(best, flights)
+    weights = _weights(flights, sds)
+    sizes = [row.size for flight in flights for row in channels(flight)]
     sd = np.full(best.size, math.nan)
-    sd[chosen] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sd[chosen] = deviations(J[:, chosen] * weights[:, None], r * weights, sizes)
     fits = tuple(_fit(a, best, sd, flights) for a in range(4) if 1 + 2 * a in chosen)
     return Identification(fits, float(best[0]), float(sd[0]))
 
@@ -135,7 +153,8 @@ def _start(flights: Sequence[Flight], alone: Sequence[Array]) -> Array:
 def _best_alone(flight: Flight) -> Array:
     """Return the parameters of one flight: the best of searches that begin at several delays."""
     chosen, own = active([flight]), np.zeros(own_parameters(flight))
-    own[: own.size // 2] = channels(flight)[:, 0]
+    first = channels(flight)[:, 0]
+    own[: first.size] = first
     weights = np.ones(channels(flight).size)
     best, least = None, math.inf
     for delay in _DELAYS:
@@ -215,8 +234,7 @@ def _fit(axis: int, p: Array, sd: Array, flights: Sequence[Flight]) -> AxisFit:
         if axis in moved_axes(flight):
             r, _ = residuals(part, [flight])
             rows.append(r.reshape(channels(flight).shape)[axes_of(flight).index(axis)])
-    together = sum(float(r @ r) for r in rows)
-    neighbours = sum(float(r[1:] @ r[:-1]) for r in rows)
+    together = np.concatenate(rows)
     c = 1 + 2 * axis
     return AxisFit(
         AXES[axis],
@@ -224,6 +242,6 @@ def _fit(axis: int, p: Array, sd: Array, flights: Sequence[Flight]) -> AxisFit:
         float(p[c + 1]),
         float(sd[c]),
         float(sd[c + 1]),
-        math.sqrt(together / sum(r.size for r in rows)),
-        neighbours / together if together > 0.0 else 0.0,
+        math.sqrt(float(np.mean(together**2))),
+        correlation(together),
     )

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from noctule.estimation.identification.covariance import correlation
 from noctule.estimation.identification.flights import (
     AXES,
     AxisFlight,
@@ -68,5 +69,5 @@ def _solve(axis: int, G: Array, u: Array) -> AxisFit:
     D = np.array([[-(k_u**2), 0.0], [-k_u * k_v, k_u]])
     sd = np.sqrt(np.diag(D @ covariance @ D.T))
     noise = math.sqrt(float(residual @ residual) / u.size)
-    neighbours = float(residual[1:] @ residual[:-1]) / max(float(residual @ residual), 1e-300)
-    return AxisFit(AXES[axis], float(k_u), float(k_v), float(sd[0]), float(sd[1]), noise, neighbours)
+    correlated = correlation(residual)
+    return AxisFit(AXES[axis], float(k_u), float(k_v), float(sd[0]), float(sd[1]), noise, correlated)

@@ -25,7 +25,7 @@ class AxisFit:
     k_u_sd: float
     k_v_sd: float
     residual_sd: float  # [m/s or rad/s]; of (15): of the input
-    residual_correlation: float = 0.0  # of neighbours; deviations are honest where this is near 0
+    residual_correlation: float = 0.0  # of neighbours; 0 for white noise
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,8 @@ from noctule.estimation.identification.response import response
 from noctule.estimation.identification.result import Identification
 from noctule.geometry import Array
 
+_STEPS = 4  # of Gauss and Newton; nearly all of it is linear
+
 
 @dataclass(frozen=True, slots=True)
 class Validation:
@@ -26,12 +28,17 @@ class Validation:
 
     @property
     def fit(self) -> Array:
-        """Of each axis 1 - |measured - simulated| / |measured - mean|, (4,); 1 is perfect, NaN: not moved."""
+        """Of each axis 1 - |measured - simulated| / |measured - mean|, (4,); 1 is perfect, NaN: not moved.
+
+        Only the time between the first and the last change of the axis' own input counts.
+        """
         found = np.full(4, np.nan)
         for a in range(4):
-            seen = np.isfinite(self.measured[:, a])
-            spread = self.measured[seen, a] - self.measured[seen, a].mean()
-            if self.moved[a]:
+            changes = self.command_stamps[1:][np.diff(self.inputs[:, a]) != 0.0]
+            if changes.size:
+                during = (self.stamps >= changes[0]) & (self.stamps <= changes[-1])
+                seen = during & np.isfinite(self.measured[:, a])
+                spread = self.measured[seen, a] - self.measured[seen, a].mean()
                 off = self.measured[seen, a] - self.simulated[seen, a]
                 found[a] = 1.0 - float(np.linalg.norm(off) / np.linalg.norm(spread))
         return found
@@ -41,7 +48,8 @@ def validate(found: Identification, flight: WholeFlight) -> Validation:
     """Simulate a flight with an identified model: eq. (2) on the axes of a vehicle that turns.
 
     The heading that turns the horizontal axes is simulated too. Of the measurements nothing is used but the
-    velocity at the beginning and the sensors' constant biases, which are the flight's own. Raises
+    velocity at the beginning, the sensors' constant biases and how much later the yaw is than the
+    velocities, which are the flight's own. Raises
     IdentificationError when an axis was moved that was not identified.
     """
     shared = np.zeros(SHARED)
@@ -81,7 +89,9 @@ def validate(found: Identification, flight: WholeFlight) -> Validation:
 
 def _simulate(flight: Flight, shared: Array) -> tuple[Array, Array]:
     """Return the flight's own parameters and the velocities (axes, n) with them."""
-    v, J = predict(flight, shared, np.zeros(own_parameters(flight)))  # they enter linearly
-    r = (channels(flight) - v).ravel()
-    own = np.asarray(np.linalg.lstsq(J[..., SHARED:].reshape(r.size, -1), r, rcond=None)[0])
+    own = np.zeros(own_parameters(flight))
+    for _ in range(_STEPS):
+        v, J = predict(flight, shared, own)
+        r = (channels(flight) - v).ravel()
+        own = own + np.linalg.lstsq(J[..., SHARED:].reshape(r.size, -1), r, rcond=None)[0]
     return own, predict(flight, shared, own)[0]

@@ -1,0 +1,54 @@
+"""How well least squares knows its parameters, when what is left is white noise and when it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from noctule.geometry import Array
+
+CORRELATED = 0.15
+"""Correlation of neighbouring residuals above which they are not taken for white noise."""
+_LAGS = 90  # residuals farther apart than this are taken for independent: gusts last less than 3 s at 30 Hz
+
+
+def correlation(residuals: Array) -> float:
+    """Return the correlation of neighbours in (n,), 0 where all are 0."""
+    square = float(residuals @ residuals)
+    return float(residuals[1:] @ residuals[:-1]) / square if square > 0.0 else 0.0
+
+
+def deviations(W: Array, residuals: Array, sizes: Sequence[int]) -> Array:
+    """Return the standard deviations (p,) of least squares.
+
+    `W` (n, p) and `residuals` (n,) are in units of the noise; `sizes` are the lengths of the stretches, one
+    for each measured axis, that follow each other in them. For white noise it is (W' W)^-1. Residuals that
+    are correlated (gusts move a vehicle, and it keeps moving) hold less than their number says: then Newey
+    and West's covariance is taken where it is the larger one.
+    """
+    bread = np.linalg.pinv(W.T @ W, hermitian=True)
+    variances = np.maximum(np.diag(bread), 0.0)
+    meat = np.zeros(bread.shape)
+    white = True
+    begin = 0
+    for size in sizes:
+        part, r = W[begin : begin + size], residuals[begin : begin + size]
+        begin += size
+        if correlation(r) < CORRELATED:
+            meat += part.T @ part
+        else:
+            white = False
+            meat += long_run(part * r[:, None])
+    if white:
+        return np.asarray(np.sqrt(variances))
+    return np.asarray(np.sqrt(np.maximum(variances, np.diag(bread @ meat @ bread))))
+
+
+def long_run(scores: Array) -> Array:
+    """Return the covariance (p, p) of the sum of `scores` (n, p) that follow each other in time."""
+    total = scores.T @ scores
+    for lag in range(1, min(_LAGS, scores.shape[0] - 1) + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        total += (1.0 - lag / (_LAGS + 1)) * (product + product.T)
+    return np.asarray(total)
