@@ -12,14 +12,17 @@ import numpy as np
 from noctule.geometry import Array, Pose, wrap_angle
 from noctule.localization.matcher import Matcher
 
+_BODY = 0.06  # [m], half its width; only what lies further aside is alike in front and behind
+
 
 def symmetry_axes(matcher: Matcher) -> Array:
     """Return x, y [m] of the template's middle and its nose's heading [rad] in its present axes, (3,)."""
     t = matcher.template
-    p, w = t.probability, t.weight
+    aside = np.abs(np.arange(t.grid.n) - 0.5 * (t.grid.n - 1)) * t.grid.cell
+    rotors = np.where(aside > _BODY, t.weight, 0.0).astype(np.float32)
     left_right, front_back = (
-        matcher.refine(np.ascontiguousarray(p[cut]), np.ascontiguousarray(w[cut]), np.zeros(3))[0]
-        for cut in (np.s_[:, ::-1], np.s_[::-1, :])
+        matcher.refine(np.ascontiguousarray(t.probability[cut]), np.ascontiguousarray(w[cut]), np.zeros(3))[0]
+        for cut, w in ((np.s_[:, ::-1], t.weight), (np.s_[::-1, :], rotors))
     )
     return np.array([-0.5 * front_back[0], -0.5 * left_right[1], -0.5 * left_right[2]])
 
