@@ -16,8 +16,13 @@ from noctule.geometry import Array, Pose
 from noctule.localization.calibration.offset import Standing, measure_offset
 from noctule.localization.detection.samples import FlightSamples
 from noctule.localization.detector_file import Detectors
+from noctule.localization.heading.ellipse import EllipseHeading
+from noctule.localization.heading.markers import MarkerHeading
+from noctule.localization.heading.method import HeadingMethod
+from noctule.localization.heading.shape import AXIS, HARMONIC, PLANE
 from noctule.localization.learning.bootstrap import MIN_AREA
 from noctule.localization.learning.detectors import fit_detectors
+from noctule.localization.learning.headings import calibrate_heading
 from noctule.localization.learning.template import learn_template
 from noctule.localization.locator import Locator, LocatorSettings
 from noctule.localization.template import Template
@@ -43,6 +48,7 @@ class TaughtCamera:
     detectors: Detectors
     template: Template
     offset: Array  # (3,) [m], measured minus true, world
+    headings: tuple[HeadingMethod, ...]  # on blobs, calibrated on the manual flight
     samples: FlightSamples  # of the manual flight, for Fig. 11
     stamp: float  # [s], later frames begin here
 
@@ -66,7 +72,13 @@ def teach_camera(seed: int, hull: bool, markers: bool = False) -> TaughtCamera:
     flight = manual_flight(seed, _FLIGHT_SECONDS, _FLIGHT_RATE, spec)
     frames = [stage.frame(begin + stamp, pose) for stamp, pose in flight]
     detectors, samples = fit_detectors(frames, background, camera)
-    template = learn_template(frames, background, camera, start_yaw=flight[0][1].yaw).template
+    learned = learn_template(frames, background, camera, start_yaw=flight[0][1].yaw)
+    template = learned.template
+    shapes = [
+        calibrate_heading(m, frames, learned.poses, background, camera) for m in (PLANE, AXIS, HARMONIC)
+    ]
+    ellipse = calibrate_heading(EllipseHeading(), frames, learned.poses, background, camera)
+    headings: tuple[HeadingMethod, ...] = (ellipse, *shapes, MarkerHeading())
     begin += _FLIGHT_SECONDS + _BETWEEN
     standing = []
     for true in map(np.array, _STOOLS):
@@ -78,7 +90,7 @@ def teach_camera(seed: int, hull: bool, markers: bool = False) -> TaughtCamera:
         standing.append(Standing(true, np.array([m.position for m in found if m is not None])))
         begin += _STOOL_FRAMES / RATE + _BETWEEN
     offset = measure_offset(standing).bias
-    return TaughtCamera(stage, background, detectors, template, offset, samples, begin)
+    return TaughtCamera(stage, background, detectors, template, offset, headings, samples, begin)
 
 
 def _locator(

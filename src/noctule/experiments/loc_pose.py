@@ -18,11 +18,8 @@ import numpy as np
 from noctule.experiments.ceiling import RATE, TaughtCamera, stamps, teach_camera
 from noctule.geometry import Array, Pose, rot_z, wrap_angle
 from noctule.localization.detection.splinters import join_splinters
-from noctule.localization.heading.ellipse import EllipseHeading
-from noctule.localization.heading.markers import MarkerHeading
 from noctule.localization.heading.method import HeadingMethod
 from noctule.localization.heading.pose import blob_position
-from noctule.localization.heading.shape import HARMONIC, PLANE
 from noctule.localization.heading.sighting import Sighting
 from noctule.localization.learning.bootstrap import MIN_AREA
 from noctule.messages import DepthFrame
@@ -100,7 +97,7 @@ def measure_poses(
     taught = teach_camera(seed, hull, markers=True)
     rng = np.random.default_rng([seed, 7])
     targets = spread_poses(seed, poses, taught.stage.spec)
-    methods: tuple[HeadingMethod, ...] = (EllipseHeading(), PLANE, HARMONIC, MarkerHeading())
+    methods = taught.headings
     rows: dict[str, list[Row]] = {m.name: [] for m in methods}
     tracked: list[Row] = []
     decided = 0
