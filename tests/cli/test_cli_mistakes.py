@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-COMMANDS = "fly, missions, experiment, report, doctor, teach, locate, path, ..."
+COMMANDS = "fly, missions, experiment, report, doctor, teach, locate, identify, ..."
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,8 @@ COMMANDS = "fly, missions, experiment, report, doctor, teach, locate, path, ..."
         (
             ["experiment", "servo-5"],
             'invalid value "servo-5" for NAME. Choose from: "servo-5.1", "servo-5.2", "servo-5.3", '
-            '"servo-5.3-ff". Did you mean "servo-5.3"?; see `noctule experiment --help`',
+            '"servo-5.3-ff", "loc-detection", "loc-pose", "loc-identification". Did you mean "servo-5.3"?; '
+            "see `noctule experiment --help`",
         ),
         (
             ["experiment"],

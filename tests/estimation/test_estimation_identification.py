@@ -6,7 +6,9 @@ import pytest
 from noctule.estimation.identification import (
     AXES,
     AxisFlight,
+    ExcitationError,
     IdentificationError,
+    check_excitation,
     cramer_rao,
     identify,
     published,
@@ -176,3 +178,92 @@ def test_no_axes_are_refused():
     with pytest.raises(IdentificationError) as told:
         identify([])
     assert str(told.value) == "identification: no axis was flown; expected at least one"
+
+
+def test_an_unknown_axis_is_refused():
+    with pytest.raises(IdentificationError) as told:
+        made(axis="sideways")
+    assert str(told.value) == (
+        "identification: axis 'sideways' is not known; expected one of forward, left, up, yaw"
+    )
+
+
+def test_an_axis_that_was_not_moved_is_named():
+    found = identify(flown(0.01)[:2])
+    with pytest.raises(ExcitationError) as told:
+        check_excitation(found)
+    assert str(told.value) == (
+        "identification: nothing was sent on up and yaw; expected all of forward, left, up, yaw to be moved: "
+        "fly the deformed sinusoid on each"
+    )
+    with pytest.raises(ExcitationError, match="nothing was sent on up and yaw"):
+        found.model()
+
+
+def test_too_little_excitation_names_the_axis_and_the_parameter():
+    flights = flown(0.05)
+    left = flights[1]
+    response_to_little = response(
+        6.233, 0.5328, 0.067, 0.0, left.command_stamps, 0.02 * left.inputs, left.stamps
+    )
+    noise = 0.05 * np.random.default_rng(5).standard_normal(left.stamps.size)
+    flights[1] = AxisFlight(
+        left.command_stamps, 0.02 * left.inputs, left.stamps, response_to_little[0] + noise, "left"
+    )
+    found = identify(flights)
+    with pytest.raises(ExcitationError) as told:
+        check_excitation(found)
+    fit = found.axes[1]
+    name, value, sd, known = "k3", fit.k_u, fit.k_u_sd, 0.2 * fit.k_u
+    if sd <= known:
+        name, value, sd, known = "k4", fit.k_v, fit.k_v_sd, 0.5 * max(fit.k_v, 0.1)
+    assert str(told.value) == (
+        f"identification of left: too little excitation, {name} is {value:.3g} with a deviation of {sd:.2g}, "
+        f"expected at most {known:.2g}; fly the deformed sinusoid longer or larger"
+    )
+
+
+def test_several_flights_of_an_axis_are_one_identification_with_a_bias_each():
+    once, twice = flown(0.02, 1, bias=0.1), flown(0.02, 2, bias=-0.2)
+    both = identify([*once, *twice])
+    assert both.k == pytest.approx(TRUE, rel=0.05)
+    assert both.sd == pytest.approx(identify(once).sd / np.sqrt(2.0), rel=0.05)
+
+
+def test_a_drag_below_zero_is_no_vehicle():
+    sent = np.arange(0.0, 82.0, 1.0 / 30.0)
+    u = 0.1 * excitation(sent, 5.0)
+    grows = response(1.0, -0.02, 0.0, 0.0, sent, u, sent)[0]
+    flights = [AxisFlight(sent, u, sent, grows, "forward"), *flown(0.0)[1:]]
+    with pytest.raises(IdentificationError) as told:
+        identify(flights).model()
+    assert str(told.value) == (
+        "identification of forward: its drag is -0.02 1/s, expected 0 or more; "
+        "were inputs and velocities stamped by the same clock?"
+    )
+
+
+def test_gusts_widen_the_deviations_to_what_they_are():
+    z = []
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 1])
+        flights = []
+        for flight, k_v in zip(flown(0.02, seed), TRUE[1::2], strict=True):
+            # A velocity that gusts moved decays with the vehicle's own drag.
+            drifting, kicks = 0.0, 0.02 * rng.standard_normal(flight.stamps.size)
+            moved = np.empty(kicks.size)
+            for i, kick in enumerate(kicks):
+                drifting = np.exp(-k_v / RATE) * drifting + kick
+                moved[i] = drifting
+            sent, u, stamps = flight.command_stamps, flight.inputs, flight.stamps
+            flights.append(AxisFlight(sent, u, stamps, flight.velocities + moved, flight.axis))
+        found = identify(flights)
+        assert min(fit.residual_correlation for fit in found.axes) > 0.15
+        z.append((found.k - TRUE) / found.sd)
+    # As white noise they would be taken for three to five times smaller.
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+def test_neither_method_identifies_nothing():
+    with pytest.raises(IdentificationError, match="identification: no axis was flown; expected at least one"):
+        published([])

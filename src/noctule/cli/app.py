@@ -34,9 +34,9 @@ _EXAMPLES: dict[Callable[..., int], str] = {
     experiment: "noctule experiment servo-5.1 --law published --seeds 0:10 --json",
     report: "noctule report flights/try --out flights/try/report",
     doctor: "noctule doctor --json",
-    identify: "noctule identify axes.mcap --validation validation.mcap --out sites/lab",
     teach: "noctule teach --video walk.mp4 --focal 510 --out paths/walk",
     locate: "noctule locate --simulated --person --site sites/lab",
+    identify: "noctule identify axes.mcap --validation validation.mcap --out sites/lab",
 }
 _PATH_EXAMPLES: dict[str, tuple[Callable[..., int], str]] = {
     "show": (path_show, "noctule path show paths/walk"),

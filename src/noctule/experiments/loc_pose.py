@@ -17,7 +17,7 @@ import numpy as np
 
 from noctule.experiments.ceiling import RATE, TaughtCamera, stamps, teach_camera
 from noctule.geometry import Array, Pose, rot_z, wrap_angle
-from noctule.localization.detection.splinters import join_splinters
+from noctule.localization.detection.splinters import join_splinters, relabel
 from noctule.localization.heading.method import HeadingMethod
 from noctule.localization.heading.pose import blob_position
 from noctule.localization.heading.sighting import Sighting
@@ -130,12 +130,12 @@ def _blob_methods(
     taught: TaughtCamera, frame: DepthFrame, pose: Pose, methods: Sequence[HeadingMethod]
 ) -> Mapping[str, Row]:
     labels, blobs = find_blobs(frame.depth, taught.background, taught.camera.intrinsics, min_area=MIN_AREA)
-    joined, _ = join_splinters(blobs, taught.camera)
+    joined, parts = join_splinters(blobs, taught.camera)
     if not joined:
         return dict.fromkeys((method.name for method in methods), _NOTHING)
     away = [float(np.linalg.norm(blob_position(b, taught.camera) - pose.position)) for b in joined]
     blob = joined[int(np.argmin(away))]
-    sighting = Sighting(frame, labels, blob, taught.camera)
+    sighting = Sighting(frame, relabel(labels, blobs, parts), blob, taught.camera)
     position = blob_position(blob, taught.camera)
     found = {}
     for method in methods:

@@ -174,10 +174,11 @@ def _count(
                 if over > -band and d * 1000.0 >= nearest[v, u]:
                     continue
             area = -d * d * scale * along
-            i = int((tx + d * (ax + rx_x * x_m)) * inverse + middle)
-            j = int((ty + d * (ay + ry_x * x_m)) * inverse + middle)
-            if i < 0 or j < 0 or i >= n or j >= n:
+            x_cell = (tx + d * (ax + rx_x * x_m)) * inverse + middle
+            y_cell = (ty + d * (ay + ry_x * x_m)) * inverse + middle
+            if not (0.0 <= x_cell < n and 0.0 <= y_cell < n):
                 continue
+            i, j = int(x_cell), int(y_cell)
             if seen:
                 drone[i, j] += area
                 height[i, j] += area * (over + plane)

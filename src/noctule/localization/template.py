@@ -184,14 +184,8 @@ def build_template(
 def _complete(
     grid: Grid, frames: int, probability: Array, variance: Array, height: Array, weight: Array
 ) -> Template:
-    p = _SURPRISE + (1.0 - 2.0 * _SURPRISE) * probability
-    return Template(
-        grid,
-        frames,
-        probability.astype(np.float32),
-        variance.astype(np.float32),
-        height.astype(np.float32),
-        weight.astype(np.float32),
-        (weight * np.log(2.0 * p)).astype(np.float32),
-        (weight * np.log(2.0 * (1.0 - p))).astype(np.float32),
-    )
+    # From single precision, as it is stored: a template read back is the same to the last bit.
+    maps = [np.ascontiguousarray(m, dtype=np.float32) for m in (probability, variance, height, weight)]
+    p = _SURPRISE + (1.0 - 2.0 * _SURPRISE) * maps[0].astype(np.float64)
+    logs = [(maps[3] * np.log(2.0 * q)).astype(np.float32) for q in (p, 1.0 - p)]
+    return Template(grid, frames, *maps, *logs)

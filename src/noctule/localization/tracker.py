@@ -13,7 +13,7 @@ from noctule.localization.registration import Registration
 
 _GAIN = 0.5  # share of what the velocity was wrong by that one frame mends
 _FASTEST, _FASTEST_TURN = 4.0, 6.0  # [m/s], [rad/s]
-_COAST = 0.2  # [s], an unseen drone is supposed to stop within about this
+_STEADY, _COAST = 0.1, 0.2  # [s], an unseen drone is supposed to go on for a while, and to stop within another
 _ACCELERATION, _YAW_ACCELERATION = 3.0, 6.0  # [m/s^2], [rad/s^2], what may go on unseen
 _LEVELLING = 0.8  # a frame's tilt that carries over to the next
 
@@ -44,7 +44,7 @@ class Track:
     def predict(self, stamp: float) -> Prediction:
         """Return where it must be at `stamp` [s]; unseen it slows down, and may be farther and farther off."""
         dt = max(stamp - self.stamp, 0.0)
-        moving = _COAST * (1.0 - math.exp(-dt / _COAST))
+        moving = min(dt, _STEADY) + _COAST * (1.0 - math.exp(-max(dt - _STEADY, 0.0) / _COAST))
         pose = Pose(
             self.pose.position + moving * self.velocity,
             wrap_angle(self.pose.yaw + moving * self.yaw_rate),

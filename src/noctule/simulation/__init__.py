@@ -2,6 +2,7 @@
 
 from noctule.simulation.engine import OpenGLError
 from noctule.simulation.layout import Footprint, room_layout
+from noctule.simulation.navdata import NavdataSpec
 from noctule.simulation.spec import (
     CameraSpec,
     ColumnSpec,
@@ -26,6 +27,7 @@ __all__ = [
     "KeepClear",
     "LightSpec",
     "LimitsSpec",
+    "NavdataSpec",
     "OpenGLError",
     "RoomSpec",
     "SimulatedWorld",

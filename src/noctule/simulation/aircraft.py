@@ -12,6 +12,7 @@ from noctule.devices.protocols import DeviceError
 from noctule.geometry import Pose, wrap_angle
 from noctule.messages import Command, FlightState, VehicleState
 from noctule.simulation.dynamics import STEPS_PER_SECOND, Four, Motion, advance, fall, make_model, rest
+from noctule.simulation.navdata import Navdata
 from noctule.simulation.sensors import StateSensors
 from noctule.simulation.spec import VehicleSpec
 
@@ -45,6 +46,10 @@ class Aircraft:
         self._sensors = StateSensors(spec, seeds[1])
         self._report_every = max(1, round(STEPS_PER_SECOND / spec.report_rate))
         self._report = self._sensors.report(self.motion, 0.0, self._state)
+        self.navdata: Navdata | None = None
+        if spec.navdata is not None:
+            self.navdata = Navdata(spec.navdata, seeds[1], STEPS_PER_SECOND)
+            self._report = self.navdata.measured(self._true_report())
 
     @property
     def now(self) -> float:
@@ -146,8 +151,16 @@ class Aircraft:
                     self._state = FlightState.LANDED
                     self.armed = False
         self.steps += 1
-        if self.steps % self._report_every == 0:
+        if self.navdata is not None:
+            self._report = self.navdata.step(self.steps, self._true_report) or self._report
+        elif self.steps % self._report_every == 0:
             self._report = self._sensors.report(self.motion, self.now, self._state)
+
+    def _true_report(self) -> VehicleState:
+        """Return a report without errors in what navdata has errors of its own for."""
+        velocity = np.array(self.motion.heading_velocity()[:3])
+        report = self._sensors.report(self.motion, self.now, self._state)
+        return replace(report, yaw=wrap_angle(self.motion.yaw), v_body=velocity, height=self.motion.z)
 
     def _wanted(self) -> Four:
         if self._state is FlightState.TAKING_OFF:

@@ -13,6 +13,7 @@ from noctule.camera import CameraMount, PinholeCamera
 from noctule.errors import NoctuleError
 from noctule.messages import Limits
 from noctule.settings import Settings
+from noctule.simulation.navdata import NavdataSpec
 
 Metres = Annotated[float, Field(ge=-100.0, le=100.0, description="[m]")]
 Unit = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -190,6 +191,10 @@ class VehicleSpec(Settings):
     velocity_bias: float = Field(0.01, ge=0.0, le=2.0, description="sd of the flight's bias, each axis [m/s]")
     height_noise: float = Field(0.01, ge=0.0, le=2.0, description="sd of each report [m]")
     yaw_drift: float = Field(0.0005, ge=0.0, le=0.1, description="sd of the drift of reported yaw [rad/s]")
+    navdata: NavdataSpec | None = Field(
+        None, description="reports as a low-cost vehicle's: irregular, late, lossy; the rates and errors above "
+        "then hold for roll and pitch alone"
+    )
 
 
 class CameraSpec(Settings):

@@ -30,6 +30,7 @@ SHARED = 9
 """Parameters that flights have in common: the delay, then k1 to k8."""
 _DELAYS = (0.0, 0.2, 0.4)  # [s], where searches begin
 _LONGEST_DELAY = 1.0  # [s]
+_FINEST = 1e-6  # of the largest velocity: no sensor is taken for better
 _LEAST_DRAG = -0.5  # [1/s], below lies no vehicle
 
 
@@ -208,8 +209,9 @@ def _noises(p: Array, flights: Sequence[Flight]) -> list[float]:
         freedom = measured.shape[1] - 2 - shared / sum(len(axes_of(f)) for f in flights)
         for row, velocity in zip(r.reshape(measured.shape), measured, strict=True):
             sd = math.sqrt(float(row @ row) / max(1.0, freedom))
-            # Noise-free data leave nothing but rounding: then all axes weigh the same.
-            found.append(max(sd, 1e-9 * float(np.abs(velocity).max()), 1e-12))
+            # Noise-free data leave nothing but rounding: all axes then weigh the same, and one that alone is
+            # free of noise does not drown the others.
+            found.append(max(sd, _FINEST * float(np.abs(velocity).max()), 1e-12))
     return found
 
 

@@ -91,7 +91,8 @@ def plane_response(
 
     `k` is k1 to k4, `inputs` (m, 2), `yaw` (n,) [rad] the unwrapped heading at the stamps; derivatives are by
     k1 to k4, the delay and v0 (2,). Between two events the heading turns evenly; half of the turn is taken
-    before and half after the axes' own answer, which is exact but for terms of third order in the turn.
+    before and half after the axes' own answer, which is exact but for terms of third order in the turn. The
+    derivative by the delay is that of the exact answer.
     """
     n, m = stamps.size, command_stamps.size
     v, J = np.empty((2, n)), np.empty((2, n, 7))
