@@ -192,8 +192,9 @@ class VehicleSpec(Settings):
     height_noise: float = Field(0.01, ge=0.0, le=2.0, description="sd of each report [m]")
     yaw_drift: float = Field(0.0005, ge=0.0, le=0.1, description="sd of the drift of reported yaw [rad/s]")
     navdata: NavdataSpec | None = Field(
-        None, description="reports as a low-cost vehicle's: irregular, late, lossy; the rates and errors above "
-        "then hold for roll and pitch alone"
+        None,
+        description="reports as a low-cost vehicle's: irregular, late, lossy; the rates and errors above "
+        "then hold for roll and pitch alone",
     )
 
 
