@@ -8,7 +8,8 @@ import numpy as np
 from localization_rays import DRONE, Thing, cast, small_camera
 
 from noctule.geometry import Pose
-from noctule.localization.locator import Locator, LocatorSettings
+from noctule.localization.located import LocatorSettings
+from noctule.localization.locator import Locator
 from noctule.localization.matcher import Matcher
 from noctule.localization.registration import Scene
 from noctule.localization.template import Template, build_template

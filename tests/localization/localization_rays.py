@@ -82,7 +82,9 @@ def cast(
         R = thing.pose.R_world_body
         centre = camera.project(thing.pose.position[None])[0]
         reach = 1.4 * k.fx / max(camera.to_camera(thing.pose.position[None])[0, 2], 0.3)
-        near = np.flatnonzero((np.abs(u.ravel() - centre[0]) < reach) & (np.abs(v.ravel() - centre[1]) < reach))
+        near = np.flatnonzero(
+            (np.abs(u.ravel() - centre[0]) < reach) & (np.abs(v.ravel() - centre[1]) < reach)
+        )
         origin = R.T @ (camera.t_world_camera - thing.pose.position)
         for solid in thing.solids:
             z[near] = np.minimum(z[near], _hits(solid, origin, rays[near] @ R))

@@ -6,7 +6,8 @@ from localization_flights import CAMERA, HOME, background, drone, frame, locator
 from localization_rays import BOX, PERSON, TRAY, Thing
 
 from noctule.geometry import Pose, wrap_angle
-from noctule.localization.locator import Located, Locator, LocatorSettings, LocatorState
+from noctule.localization.located import Located, LocatorSettings, LocatorState
+from noctule.localization.locator import Locator
 from noctule.localization.tracker import Prediction
 from noctule.messages import DepthFrame
 
@@ -119,7 +120,7 @@ def test_a_drone_that_vanishes_is_lost_with_a_reason_and_found_again():
 def test_a_drone_under_a_lid_is_occluded_and_goes_on_when_it_is_taken_away():
     it = locator()
     fly(it, range(5))
-    lid = Thing(Pose(orbit(5).position + [0.0, -0.15, 0.5], 0.0), TRAY)
+    lid = Thing(Pose(orbit(5).position + np.array([0.0, -0.15, 0.5]), 0.0), TRAY)
     hidden = [it.step(frame(k, drone(orbit(k)), lid)) for k in range(5, 9)]
     assert all(f.measurement is None for f in hidden)
     assert any(f.reason.startswith("occluded: ") for f in hidden), [f.reason for f in hidden]
@@ -152,7 +153,7 @@ def test_a_filters_prediction_is_looked_at():
     assert it.step(frame(20, drone(orbit(20))), told).measurement is not None
     alone = locator()
     fly(alone, range(5))
-    at = alone.step(frame(5, drone(Pose(orbit(5).position + [0.5, 0.0, 0.0], 0.0))))
+    at = alone.step(frame(5, drone(Pose(orbit(5).position + np.array([0.5, 0.0, 0.0]), 0.0))))
     assert at.measurement is None  # half a metre in a frame is no drone
 
 

@@ -94,8 +94,8 @@ def test_frames_without_a_drone_make_no_template():
     with pytest.raises(TemplateError) as refused:
         build_template([(cast(CAMERA, seed=1), HOME)] * 4, background().nearest, CAMERA)
     assert str(refused.value) == (
-        "no template: 0 cm^2 were drone in most of 4 frames, expected at least 100; are the poses right, and does"
-        " the drone fly alone?"
+        "no template: 0 cm^2 were drone in most of 4 frames, expected at least 100; are the poses right, and "
+        "does the drone fly alone?"
     )
 
 
@@ -115,10 +115,10 @@ def test_pixels_without_depth_are_evidence_of_nothing():
 
 
 def test_what_something_nearer_hides_is_unknown():
-    lid = Thing(Pose(HOME.position + [0.0, 0.0, 0.5], 0.0), TRAY)
+    lid = Thing(Pose(HOME.position + np.array([0.0, 0.0, 0.5]), 0.0), TRAY)
     grid = Grid(0.01, 10, 0.0)
     s = scene(drone(HOME), lid, seed=None)
-    e = gather(s.depth, s.nearest, CAMERA, Pose(HOME.position + [0.0, 0.15, 0.0], 0.0), grid)
+    e = gather(s.depth, s.nearest, CAMERA, Pose(HOME.position + np.array([0.0, 0.15, 0.0]), 0.0), grid)
     assert e.drone.sum() + e.free.sum() < 0.2 * grid.n**2
     assert register(s, HOME).visible < 0.6
 
@@ -184,7 +184,7 @@ def test_a_heading_predicted_badly_is_searched_for(turn):
 
 
 def test_a_height_predicted_badly_is_mended():
-    found = register(scene(drone(HOME)), Pose(HOME.position + [0.0, 0.0, 0.09], HOME.yaw))
+    found = register(scene(drone(HOME)), Pose(HOME.position + np.array([0.0, 0.0, 0.09]), HOME.yaw))
     assert found.pose.position[2] == pytest.approx(HOME.position[2], abs=0.005)
     np.testing.assert_allclose(found.pose.position[:2], HOME.position[:2], atol=0.008)
 
@@ -192,7 +192,7 @@ def test_a_height_predicted_badly_is_mended():
 @pytest.mark.parametrize("yaw", [-2.9, -1.4, 0.2, 1.7, 3.0])
 def test_without_a_heading_it_is_found_up_to_a_half_turn(yaw):
     true = Pose(HOME.position, yaw)
-    found = acquire(scene(drone(true)), HOME.position + [0.03, -0.02, 0.01])
+    found = acquire(scene(drone(true)), HOME.position + np.array([0.03, -0.02, 0.01]))
     np.testing.assert_allclose(found.pose.position, true.position, atol=0.02)
     assert abs(wrap_angle(2.0 * (found.pose.yaw - yaw))) < 0.15
 
@@ -227,7 +227,9 @@ def test_a_shape_that_is_its_own_half_turn_has_no_evidence_of_it():
         s = scene(drone(true), seed=i)
         sums = sums.add(gather(s.depth, s.nearest, CAMERA, true, sums.grid))
     same = TemplateSums(
-        sums.grid, sums.frames, *(even(a) for a in (sums.share, sums.square, sums.seen, sums.height, sums.area))
+        sums.grid,
+        sums.frames,
+        *(even(a) for a in (sums.share, sums.square, sums.seen, sums.height, sums.area)),
     )
     symmetric = type(matcher()).of(finish(same))
     assert len(symmetric.telling) == 0
@@ -237,7 +239,9 @@ def test_a_shape_that_is_its_own_half_turn_has_no_evidence_of_it():
 def test_learning_aligns_a_frame_to_the_template():
     rng = np.random.default_rng(8)
     true = random_pose(rng)
-    answer = align(matcher(), cast(CAMERA, (drone(true),), seed=3), background().nearest, CAMERA, off(true, rng))
+    answer = align(
+        matcher(), cast(CAMERA, (drone(true),), seed=3), background().nearest, CAMERA, off(true, rng)
+    )
     assert np.linalg.norm(answer.pose.position - true.position) < 0.012
 
 

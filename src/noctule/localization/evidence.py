@@ -1,9 +1,10 @@
 """What a depth frame says about the cells of a body: drone, free or unknown, seen from a supposed pose.
 
-Every pixel near the supposed pose is taken to the body's axes. A reading that is foreground and near the body's
-height is *drone*, at the place of its own point; a ray that passes that height and ends well below it is *free*, at
-the place where it crosses. Everything else (occluded, invalid, outside the picture) is unknown: no evidence.
-Taking drone readings at their own points, not where their rays cross the plane, keeps sides seen obliquely in place.
+Every pixel near the supposed pose is taken to the body's axes. A reading that is foreground and near the
+body's height is *drone*, at the place of its own point; a ray that passes that height and ends well below it
+is *free*, at the place where it crosses. Everything else (occluded, invalid, outside the picture) is unknown:
+no evidence. Taking drone readings at their own points, not where their rays cross the plane, keeps sides seen
+obliquely in place.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ Map = NDArray[np.float32]
 BAND = 0.13  # [m], a reading this near to the body's height may be drone; from localization.md
 BELOW = 0.5  # [m], foreground between the band and this far below is neither drone nor free
 _THICK = 0.08  # [m], from the plane up to the highest that is drone
-_PER_CELL_U, _PER_CELL_V = 2.0, 1.0  # readings along a cell's sides at least; nearer drones are read in strides
+# readings along a cell's sides at least; nearer drones are read in strides
+_PER_CELL_U, _PER_CELL_V = 2.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +145,8 @@ def _count(
     n = drone.shape[0]
     inverse = 1.0 / cell
     middle = 0.5 * n
-    scale = strides[0] * strides[1] / (cell * cell * fx * fy)  # a reading stands for its pixel's shadow on the level plane
+    # a reading stands for its pixel's shadow on the level plane
+    scale = strides[0] * strides[1] / (cell * cell * fx * fy)
     left, top, right, bottom = window
     tx, ty, tz = t
     rx_x, ry_x, rz_x = R[0, 0], R[1, 0], R[2, 0]

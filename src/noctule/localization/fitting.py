@@ -41,9 +41,7 @@ def solve3(A: Array, b: Array, x: Array) -> bool:
 
 
 @compiled
-def edge_cells(
-    share: Map, trust: Map, edges: NDArray[np.uint8], cell: float, pose: Array, out: Array
-) -> int:
+def edge_cells(share: Map, trust: Map, edges: NDArray[np.uint8], cell: float, pose: Array, out: Array) -> int:
     """Write (x, y [m], share, trust) of the seen cells at the template's edges to `out`; return how many."""
     n, m = share.shape[0], edges.shape[0]
     c, s = math.cos(pose[2]) / cell, math.sin(pose[2]) / cell
@@ -75,11 +73,11 @@ def refine(
     steps: int,
     information: Array,
 ) -> int:
-    """Refine `pose` (3,) x, y [m], heading [rad] of the template in the evidence, in place, by Fisher scoring.
+    """Refine `pose` (3,) of the template in the evidence, in place, by Fisher scoring.
 
-    Gauss-Newton on the share of drone in a cell against the template's probability there, weighted by how much the
-    cell's share varied while the template was learned. Writes the information (3, 3), in the template's own axes,
-    and returns the steps taken.
+    The pose is x, y [m], heading [rad]. Gauss-Newton on the share of drone in a cell against the template's probability there, weighted by how
+    much the cell's share varied while the template was learned. Writes the information (3, 3), in the
+    template's own axes, and returns the steps taken.
     """
     m = probability.shape[0]
     inverse = 1.0 / cell
@@ -147,10 +145,11 @@ def refine(
 def fit_surface(
     drone: Map, height: Map, solid: Map, surface: Map, cell: float, pose: Array, hold: float, out: Array
 ) -> float:
-    """Fit the seen surface to the template's: height offset [m] and slopes along the template's x and y, `out` (3,).
+    """Fit the seen surface to the template's, and write height offset [m] and its slopes to `out` (3,).
 
-    `pose` (3,) is x, y [m], heading [rad] of the template in the evidence; `solid` weights the template's cells, 0
-    where it has no surface; `hold` is the information that holds the slopes at zero. Returns the cells used.
+    Slopes are along the template's x and y; `pose` (3,) is x, y [m], heading [rad] of the template in the evidence; `solid` weights the template's
+    cells, 0 where it has no surface; `hold` is the information that holds the slopes at zero. Returns the
+    cells used.
     """
     n, m = drone.shape[0], solid.shape[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -174,7 +173,8 @@ def fit_surface(
             count += 1
     A, g, e = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     total = 0.0
-    for width in (0.1, 0.04, 0.025):  # [m], Tukey's biweight, ever narrower: a thing beside the drone is ignored
+    # [m], Tukey's biweight, ever narrower: a thing beside the drone is ignored
+    for width in (0.1, 0.04, 0.025):
         A[:, :], g[:], total = 0.0, 0.0, 0.0
         A[0, 0], A[1, 1], A[2, 2] = 1e-6, hold, hold
         g[1], g[2] = -hold * out[1], -hold * out[2]
@@ -201,90 +201,6 @@ def fit_surface(
         for k in range(3):
             out[k] += e[k]
     return total
-
-
-@compiled
-def misfit(
-    share: Map,
-    trust: Map,
-    drone: Map,
-    height: Map,
-    probability: Map,
-    variance: Map,
-    weight: Map,
-    solid: Map,
-    surface: Map,
-    cell: float,
-    pose: Array,
-    fitted: Array,
-    height_sd: float,
-) -> tuple[float, float, float]:
-    """Return how badly outline and surface fit at a pose, half sums of squares over variances, and the cells' weight
-    that the latter is summed over.
-
-    `weight` and `solid` weight the template's cells in the two. `fitted` (3,) is the surface's height offset [m] and slopes, `height_sd` [m] the spread of a cell's height;
-    beyond three of it a cell is something else.
-    """
-    n, m = share.shape[0], probability.shape[0]
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    inverse = 1.0 / cell
-    outline, relief, total = 0.0, 0.0, 0.0
-    most = (3.0 * height_sd) ** 2
-    for i in range(n):
-        x = (i + 0.5 - 0.5 * n) * cell - pose[0]
-        for j in range(n):
-            t = trust[i, j]
-            if t == 0.0:
-                continue
-            y = (j + 0.5 - 0.5 * n) * cell - pose[1]
-            qx, qy = c * x + s * y, c * y - s * x
-            fi, fj = qx * inverse + 0.5 * m, qy * inverse + 0.5 * m
-            if fi < 0.0 or fj < 0.0 or fi >= m or fj >= m:
-                continue
-            a, b = int(fi), int(fj)
-            outline += weight[a, b] * t * (share[i, j] - probability[a, b]) ** 2 / (variance[a, b] + FLOOR)
-            if drone[i, j] > 0.2 and solid[a, b] > 0.0:
-                r = height[i, j] / drone[i, j] - surface[a, b] - (fitted[0] + fitted[1] * qx + fitted[2] * qy)
-                w = solid[a, b] * min(drone[i, j], 1.0)
-                relief += w * min(r * r, most)
-                total += w
-    return 0.5 * outline, 0.5 * relief / height_sd**2, total
-
-
-@compiled
-def contrast(
-    share: Map,
-    trust: Map,
-    drone: Map,
-    height: Map,
-    probability: Map,
-    variance: Map,
-    surface: Map,
-    telling: Array,
-    cell: float,
-    pose: Array,
-    fitted: Array,
-    height_sd: float,
-) -> float:
-    """Return the misfit as above of the template's cells `telling` (k, 4): i, j, weights of outline and surface."""
-    n, m = share.shape[0], probability.shape[0]
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    outline, relief = 0.0, 0.0
-    most = (3.0 * height_sd) ** 2
-    for k in range(len(telling)):
-        a, b = int(telling[k, 0]), int(telling[k, 1])
-        qx, qy = (a + 0.5 - 0.5 * m) * cell, (b + 0.5 - 0.5 * m) * cell
-        fi = (pose[0] + c * qx - s * qy) / cell + 0.5 * n
-        fj = (pose[1] + s * qx + c * qy) / cell + 0.5 * n
-        if fi < 0.0 or fj < 0.0 or fi >= n or fj >= n:
-            continue
-        i, j = int(fi), int(fj)
-        difference = share[i, j] - probability[a, b]
-        outline += telling[k, 2] * trust[i, j] * difference * difference / (variance[a, b] + FLOOR)
-        if drone[i, j] > 0.2:
-            r = height[i, j] / drone[i, j] - surface[a, b] - (fitted[0] + fitted[1] * qx + fitted[2] * qy)
-            relief += telling[k, 3] * min(drone[i, j], 1.0) * min(r * r, most)
-    return 0.5 * (outline + relief / height_sd**2)
 
 
 @compiled

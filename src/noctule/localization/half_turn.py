@@ -1,7 +1,7 @@
 """Which of two headings half a turn apart is right: evidence summed over frames.
 
-A single frame is wrong in one of a hundred (bare) to one of twelve (hull); the sum is not. It is bounded, so that a
-slip after an hour of certainty is noticed as fast as one after a second.
+A single frame is wrong in one of a hundred (bare) to one of twelve (hull); the sum is not. It is bounded, so
+that a slip after an hour of certainty is noticed as fast as one after a second.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class HalfTurn:
     slipped: bool = False  # the last frame turned a heading around that had been certain
 
     def add(self, evidence: float) -> tuple[HalfTurn, bool]:
-        """Add a frame's evidence for the heading held; return the sum, and whether to turn the heading by pi."""
+        """Add a frame's evidence for the heading held; return the sum, and whether to turn it by pi."""
         bounded = min(max(evidence, -_PER_FRAME), _PER_FRAME)
         total = min(max(self.evidence + bounded, -MOST), MOST)
         if total <= -CERTAIN:

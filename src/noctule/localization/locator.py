@@ -1,37 +1,36 @@
 """A depth frame in, the drone's pose out: the default method, tracker and all.
 
-While it is tracked, the drone's top view is registered around where it must be: no blob, so nothing merges. To start
-and to find it again detectors propose blobs, and the registration confirms over a few frames.
+While it is tracked, the drone's top view is registered around where it must be: no blob, so nothing merges.
+To start and to find it again detectors propose blobs, and the registration confirms over a few frames.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
-from pydantic import Field
 
 from noctule.camera import FixedCamera
 from noctule.geometry import Array, Pose, wrap_angle
 from noctule.localization.half_turn import Facing
 from noctule.localization.health import FrameHealth
+from noctule.localization.located import Located, LocatorDiagnostics, LocatorSettings, LocatorState
 from noctule.localization.matcher import Matcher
 from noctule.localization.registration import Registration, Scene, acquire, register
 from noctule.localization.template import Template
 from noctule.localization.tracker import Prediction, Track, facing_as, merged
 from noctule.messages import DepthFrame, PoseMeasurement
-from noctule.settings import Settings
 from noctule.vision.depth.background import Background
 from noctule.vision.depth.blob import Blob
 from noctule.vision.depth.blobs import find_blobs
 
 _STEP = 0.04  # [m], of the search's shifts
 _MOST_STEPS = 4
-_JUMP, _TURN, _SIGMAS = 0.03, 0.06, 4.0  # [m], [rad], and deviations of the prediction, that a drone may be off
+# [m], [rad], and deviations of the prediction, that a drone may be off
+_JUMP, _TURN, _SIGMAS = 0.03, 0.06, 4.0
 _UNKNOWN_YAW = (math.pi / 2.0) ** 2  # [rad^2], added to the variance while the half turn is undecided
 
 
@@ -43,74 +42,8 @@ class Proposing(Protocol):
         ...
 
 
-class LocatorSettings(Settings):
-    """When the locator believes what it sees."""
-
-    min_ratio: float = Field(
-        default=1.0 / 3.0, ge=0.0, le=1.0, description="score over nominal below which the drone is lost"
-    )
-    max_relief: float = Field(
-        default=1.4, gt=0.0, le=4.5, description="misfit of the surface, per cell, above which the drone is lost"
-    )
-    min_visible: float = Field(
-        default=0.35, ge=0.0, le=1.0, description="share of the drone that must be seen while it is tracked"
-    )
-    sure_ratio: float = Field(default=0.5, ge=0.0, le=2.0, description="score over nominal that leaves no doubt")
-    sure_outline: float = Field(
-        default=0.85, gt=0.0, le=10.0, description="misfit of the outline that leaves no doubt"
-    )
-    sure_visible: float = Field(default=0.45, ge=0.0, le=1.0, description="share seen that leaves no doubt")
-    max_doubt: float = Field(default=0.25, ge=0.0, le=5.0, description="[s], longest time in doubt")
-    start_ratio: float = Field(default=0.6, ge=0.0, le=2.0, description="score over nominal of a drone found anew")
-    start_outline: float = Field(
-        default=0.6, gt=0.0, le=10.0, description="misfit of the outline of a drone found anew"
-    )
-    start_relief: float = Field(
-        default=1.2, gt=0.0, le=4.5, description="misfit of the surface of a drone found anew"
-    )
-    start_visible: float = Field(default=0.5, ge=0.0, le=1.0, description="share seen of a drone found anew")
-    start_frames: int = Field(default=3, ge=1, le=30, description="in a row that must agree on a drone found anew")
-    coast: float = Field(default=0.5, ge=0.0, le=5.0, description="[s], an unseen drone is looked for where it was")
-    min_area: int = Field(default=150, ge=1, le=100000, description="[px], smaller blobs are not proposed")
-
-
-class LocatorState(StrEnum):
-    """What the locator is doing."""
-
-    SEARCHING = "searching"  # it never saw the drone
-    TRACKING = "tracking"
-    LOST = "lost"
-
-
-@dataclass(frozen=True, slots=True)
-class LocatorDiagnostics:
-    """What was thought of a frame; recorded and drawn, never flown on."""
-
-    ratio: float = math.nan  # score over nominal
-    outline: float = math.nan  # misfit per cell
-    relief: float = math.nan  # misfit per cell
-    visible: float = math.nan  # share of the drone
-    half_turn: float = 0.0  # sum of the evidence for the heading held
-    roll: float = 0.0  # [rad], as seen
-    pitch: float = 0.0  # [rad]
-    proposals: int = 0  # blobs that were looked at
-
-
-@dataclass(frozen=True, slots=True)
-class Located:
-    """What a frame says of the drone: a measurement, or why there is none."""
-
-    stamp: float  # [s], exposure
-    state: LocatorState
-    measurement: PoseMeasurement | None
-    reason: str  # empty with a measurement
-    heading_certain: bool = False  # the half turn is decided
-    slipped: bool = False  # a heading that was certain was turned around in this frame
-    diagnostics: LocatorDiagnostics = LocatorDiagnostics()
-
-
 class Locator:
-    """Finds and follows the drone. Deterministic: reads no clock, draws nothing at random, never raises in flight.
+    """Finds and follows the drone: deterministic, without a clock, and no frame makes it raise.
 
     Parameters
     ----------
@@ -188,8 +121,9 @@ class Locator:
             self._sure = stamp
         elif doubtful > s.max_doubt:
             return (
-                f"in doubt: for {doubtful:.2f} s too little of it fits (seen {100.0 * found.visible:.0f} %, score "
-                f"{100.0 * found.ratio:.0f} %, outline's misfit {found.outline:.2f}), allowed {s.max_doubt:.2f} s"
+                f"in doubt: for {doubtful:.2f} s too little of it fits (seen {100.0 * found.visible:.0f} %, "
+                f"score {100.0 * found.ratio:.0f} %, outline's misfit {found.outline:.2f}), "
+                f"allowed {s.max_doubt:.2f} s"
             )
         if found.relief > s.max_relief:
             return f"another shape: surface misfit {found.relief:.2f}, expected at most {s.max_relief:.2f}"
@@ -200,8 +134,8 @@ class Locator:
         round_ = _TURN + _SIGMAS * math.sqrt(float(P[3, 3]))
         if jump > far or turn > round_:
             return (
-                f"jump: {jump:.2f} m and {math.degrees(turn):.0f} deg from where it must be, at most {far:.2f} m "
-                f"and {math.degrees(round_):.0f} deg"
+                f"jump: {jump:.2f} m and {math.degrees(turn):.0f} deg from where it must be, at most "
+                f"{far:.2f} m and {math.degrees(round_):.0f} deg"
             )
         return ""
 
@@ -221,7 +155,9 @@ class Locator:
     def _search(self, scene: Scene, stamp: float, reason: str, looked: LocatorDiagnostics) -> Located:
         """Look at the blobs; a drone must be confirmed over a few frames before it is believed."""
         _, blobs = find_blobs(scene.depth, self._background, self.camera.intrinsics, self.settings.min_area)
-        proposed = self._plausible(blobs) if self._detector is None else self._detector.propose(blobs, self.camera)
+        proposed = (
+            self._plausible(blobs) if self._detector is None else self._detector.propose(blobs, self.camera)
+        )
         best: Registration | None = None
         for blob in proposed:
             found = acquire(scene, self._position(blob))
@@ -272,7 +208,9 @@ class Locator:
     def _accept(self, stamp: float, track: Track, found: Registration, proposals: int = 0) -> Located:
         self._track, self._seen = track, True
         certain = track.half_turn.facing is Facing.CERTAIN
-        covariance = found.covariance if certain else found.covariance + np.diag([0.0, 0.0, 0.0, _UNKNOWN_YAW])
+        covariance = (
+            found.covariance if certain else found.covariance + np.diag([0.0, 0.0, 0.0, _UNKNOWN_YAW])
+        )
         measurement = PoseMeasurement(
             stamp, track.pose.position + self._offset, track.pose.yaw, covariance, "registration"
         )
@@ -287,7 +225,9 @@ class Locator:
 
 def _diagnostics(found: Registration) -> LocatorDiagnostics:
     pose: Pose = found.pose
-    return LocatorDiagnostics(found.ratio, found.outline, found.relief, found.visible, 0.0, pose.roll, pose.pitch)
+    return LocatorDiagnostics(
+        found.ratio, found.outline, found.relief, found.visible, 0.0, pose.roll, pose.pitch
+    )
 
 
 def _nothing(blobs: int, proposed: int) -> str:

@@ -10,18 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.geometry import Array
-from noctule.localization import fitting, scoring
+from noctule.localization import fitting, misfit, scoring
 from noctule.localization.evidence import Grid, Map
 from noctule.localization.template import Template
 
 BLOCK = 0.04  # [m], side of the blocks of cells of the coarse search, and its step
-MARGIN, WIDE = 0.03, 0.1  # [m], the evidence reaches this far beyond the template's cells, tracking and searching
+# [m], the evidence reaches this far beyond the template's cells, tracking and searching
+MARGIN, WIDE = 0.03, 0.1
 _REACH = 2  # cells around the template's edges that may belong to them
 _STEEP = 0.03  # change of the probability from cell to cell that makes an edge
 _STEPS = 8  # of the refinement at most
 TILT_SD = math.radians(3.0)  # how far the tilt may be from the predicted one
 SURFACE_SD = 0.02  # [m], of one cell's height; cells err together, so this is more than their spread
-_RELIEF_SD, _RELIEF_STEP = 0.004, 0.0014  # [m], [1/m], of one cell's height: the shape's part, and the sensor's
+# [m], [1/m], of one cell's height: the shape's part, and the sensor's
+_RELIEF_SD, _RELIEF_STEP = 0.004, 0.0014
 _TELLING, _TELLING_HEIGHT = 0.3, 0.007  # differences of probability and height [m] that tell nose from tail
 _OUTLINE_SHARE = 0.5  # neighbouring cells of an outline err together, more than heights do
 _USUAL_DISTANCE = 2.0  # [m], from the camera, for the evidence that counts as usual
@@ -83,7 +85,7 @@ class Matcher:
         return replace(matcher, turned=turned, half_turn=loss)
 
     def search(self, share: Map, trust: Map, headings: Array, reach: int) -> tuple[Array, Array]:
-        """Return for each heading [rad] the best of shifts up to `reach` steps, (k, 3), and its score (k,)."""
+        """Return for each heading [rad] the best shift up to `reach` steps, (k, 3), and scores (k,)."""
         points = np.empty(((len(share) // self.block) ** 2, 4))
         points = points[: scoring.blocks(share, trust, self.block, self.template.grid.cell, points)]
         side = 2 * reach + 1
@@ -98,9 +100,7 @@ class Matcher:
         c, s = np.cos(headings), np.sin(headings)
         return np.column_stack([c * x - s * y, s * x + c * y, headings]), flat.max(axis=1)
 
-    def refine(
-        self, share: Map, trust: Map, start: Array, steps: int = _STEPS
-    ) -> tuple[Array, Array]:
+    def refine(self, share: Map, trust: Map, start: Array, steps: int = _STEPS) -> tuple[Array, Array]:
         """Return x, y [m], heading [rad] of the template near `start` (3,), and the information (3, 3)."""
         t = self.template
         information, pose = np.zeros((3, 3)), start.copy()
@@ -110,14 +110,14 @@ class Matcher:
         return pose, information
 
     def judge(self, share: Map, trust: Map, pose: Array) -> tuple[float, float, float]:
-        """Return score, score expected of the seen cells, and their weight, of a pose (3,) in the evidence."""
+        """Return score, score expected of the seen cells, and their weight, of a pose (3,)."""
         t = self.template
         return scoring.judge(
             share, trust, t.log_drone, t.log_free, self.expected, t.weight, t.grid.cell, pose
         )
 
     def surface(self, drone: Map, height: Map, pose: Array) -> tuple[Array, float]:
-        """Return height offset [m] and slopes of the seen surface against the template's, (3,), and cells used."""
+        """Return height offset [m] and slopes of the surface against the template's, (3,), and cells."""
         t = self.template
         out = np.zeros(3)
         cells = fitting.fit_surface(
@@ -130,11 +130,11 @@ class Matcher:
     ) -> tuple[float, float]:
         """Return how badly outline and surface of the template fit at a pose (3,), per cell seen.
 
-        `seen` is share, trust, drone and height of the cells, `distance` [m] that from the camera along its axis,
-        `weight` that of the cells seen.
+        `seen` is share, trust, drone and height of the cells, `distance` [m] that from the camera along its
+        axis, `weight` that of the cells seen.
         """
         t = self.template
-        outline, relief, cells = fitting.misfit(
+        outline, relief, cells = misfit.misfit(
             *seen, t.probability, t.variance, t.weight, self.solid, t.height, t.grid.cell, pose, surface,
             _relief_sd(distance),
         )  # fmt: skip
@@ -143,7 +143,7 @@ class Matcher:
     def contrast(self, seen: Seen, pose: Array, surface: Array, distance: float) -> float:
         """Return the misfit of the cells that tell a heading from its half turn."""
         t = self.template
-        return fitting.contrast(
+        return misfit.contrast(
             *seen, t.probability, t.variance, t.height, self.telling, t.grid.cell, pose, surface,
             _relief_sd(distance),
         )  # fmt: skip

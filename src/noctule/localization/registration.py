@@ -1,9 +1,10 @@
 """Where and how turned the drone is: its top view laid over what a frame shows.
 
-"Register the drone's top view" of the design; takes the place of eq. (19) on a blob and of the ellipse (22) to
-(24). Evidence is gathered in the axes of the predicted pose, tilt included, with a drone reading at its own point;
-all of x, y and heading are refined at once by Gauss-Newton on it, where a parabola through the scores of shifts
-and turns would take them one by one; height and tilt are those of the seen surface against the template's.
+"Register the drone's top view" of the design; takes the place of eq. (19) on a blob and of the ellipse (22)
+to (24). Evidence is gathered in the axes of the predicted pose, tilt included, with a drone reading at its
+own point; all of x, y and heading are refined at once by Gauss-Newton on it, where a parabola through the
+scores of shifts and turns would take them one by one; height and tilt are those of the seen surface against
+the template's.
 """
 
 from __future__ import annotations
@@ -91,8 +92,8 @@ def register(
 ) -> Registration:
     """Register the template around a predicted pose.
 
-    It is refined from there; where that does not explain what is seen (or `searched`), `headings` [rad] about the
-    predicted are tried, each over shifts of `reach` steps of 4 cm, and the best is refined.
+    It is refined from there; where that does not explain what is seen (or `searched`), `headings` [rad] about
+    the predicted are tried, each over shifts of `reach` steps of 4 cm, and the best is refined.
     """
     matcher = scene.matcher
     view = scene.view(predicted)

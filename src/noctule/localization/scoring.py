@@ -9,9 +9,9 @@ from noctule.localization.evidence import Map
 from noctule.vision.homography.compiled import compiled
 
 FULL = 0.3
-"""A cell covered this far by drone counts as drone. Sides turned to the camera fill the cells at their foot; well
-below one half, cells on the far side fill as early, and the two biases cancel."""
-
+"""A cell covered this far by drone counts as drone. Sides turned to the camera fill the cells at their foot;
+well below one half, cells on the far side fill as early, and the two biases cancel.
+"""
 
 
 @compiled
@@ -52,7 +52,8 @@ def correlate(
 ) -> None:
     """Write scores (headings, 2 reach + 1, 2 reach + 1) of the template turned and shifted, to `out`.
 
-    `points` (k, 4) as `blocks` wrote them; shifts are multiples of `shift` cells along the turned template's axes.
+    `points` (k, 4) as `blocks` wrote them; shifts are multiples of `shift` cells along the turned template's
+    axes.
     """
     n = drone.shape[0]
     side = 2 * reach + 1
@@ -60,8 +61,8 @@ def correlate(
     for h in range(len(headings)):
         c, s = math.cos(headings[h]) / cell, math.sin(headings[h]) / cell
         for k in range(len(points)):
-            i0 = int(math.floor(c * points[k, 0] + s * points[k, 1] + 0.5 * n)) + reach * shift
-            j0 = int(math.floor(c * points[k, 1] - s * points[k, 0] + 0.5 * n)) + reach * shift
+            i0 = math.floor(c * points[k, 0] + s * points[k, 1] + 0.5 * n) + reach * shift
+            j0 = math.floor(c * points[k, 1] - s * points[k, 0] + 0.5 * n) + reach * shift
             seen = points[k, 2] * points[k, 3]
             past = points[k, 3] - seen
             for a in range(side):
@@ -78,7 +79,7 @@ def correlate(
 def judge(
     share: Map, trust: Map, drone: Map, free: Map, expected: Map, weight: Map, cell: float, pose: Array
 ) -> tuple[float, float, float]:
-    """Return the score of a pose, the score that its seen cells would have if right, and the weight of these."""
+    """Return the score of a pose, what its seen cells would score if right, and their weight."""
     n, m = share.shape[0], drone.shape[0]
     c, s = math.cos(pose[2]) / cell, math.sin(pose[2]) / cell
     score, nominal, seen = 0.0, 0.0, 0.0

@@ -1,8 +1,8 @@
 """The drone's top view: how probable it is that a cell of the body, seen from above, is drone.
 
-Learned from frames whose poses are known (or estimated: see `learning`), used by `registration`. The score of a pose
-is a sum of log-likelihood ratios over the cells that are seen, `log_drone` where drone is seen and `log_free` where
-the camera sees past it, against a thing of which nothing is known (one half everywhere).
+Learned from frames whose poses are known (or estimated: see `learning`), used by `registration`. The score of
+a pose is a sum of log-likelihood ratios over the cells that are seen, `log_drone` where drone is seen and
+`log_free` where the camera sees past it, against a thing of which nothing is known (one half everywhere).
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from noctule.messages import DepthFrame
 CELL = 0.01  # [m]
 SIDE = 0.7  # [m]
 PLANES = (-0.045,)
-"""Heights over the body's origin [m] tried for that at which a ray counts as free: its underside. Rays that pass the
-drone on the near side then end right at it, as do those on the far side at its top. Sharpness alone would choose
-heights around the origin (the shadow of the projector takes the free readings of one side), and positions would be
-off by 1.5 mm more for every metre from below the camera."""
+"""Heights over the body's origin [m] tried for that at which a ray counts as free: its underside. Rays that
+pass the drone on the near side then end right at it, as do those on the far side at its top. Sharpness alone
+would choose heights around the origin (the shadow of the projector takes the free readings of one side), and
+positions would be off by 1.5 mm more for every metre from below the camera.
+"""
 _SURPRISE = 0.04  # share of cells that no template explains: bounds what one cell can say
 _SURROUNDINGS = 0.05  # [m], cells this far outside the drone still count as evidence that it ends there
 _LEAST_FRAMES = 3  # a cell seen in fewer frames says nothing
@@ -59,7 +60,7 @@ class TemplateSums:
         return cls(Grid(cell, n, plane), 0, zeros, zeros, zeros, zeros, zeros)
 
     def add(self, evidence: Evidence) -> TemplateSums:
-        """Return the sums with a frame's evidence, which was gathered in the same grid around the drone's pose."""
+        """Return the sums with a frame's evidence, gathered in the same grid around the drone's pose."""
         drone, free = evidence.drone.astype(np.float64), evidence.free.astype(np.float64)
         share = np.minimum(drone / FULL, 1.0)
         return TemplateSums(
@@ -148,8 +149,8 @@ def finish(sums: TemplateSums) -> Template:
     area = float((probability > 0.5).sum()) * cell**2
     if area < _LEAST_AREA:
         raise TemplateError(
-            f"no template: {1e4 * area:.0f} cm^2 were drone in most of {sums.frames} frames, expected at least "
-            f"{1e4 * _LEAST_AREA:.0f}; are the poses right, and does the drone fly alone?"
+            f"no template: {1e4 * area:.0f} cm^2 were drone in most of {sums.frames} frames, expected at "
+            f"least {1e4 * _LEAST_AREA:.0f}; are the poses right, and does the drone fly alone?"
         )
     variance = np.maximum(sums.square / seen - probability**2, 0.0)
     solid = (probability > 0.1) & (sums.area > 0.0)

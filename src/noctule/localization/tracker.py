@@ -13,7 +13,8 @@ from noctule.localization.registration import Registration
 
 _GAIN = 0.5  # share of what the velocity was wrong by that one frame mends
 _FASTEST, _FASTEST_TURN = 4.0, 6.0  # [m/s], [rad/s]
-_STEADY, _COAST = 0.1, 0.2  # [s], an unseen drone is supposed to go on for a while, and to stop within another
+# [s], an unseen drone is supposed to go on for a while, and to stop within another
+_STEADY, _COAST = 0.1, 0.2
 _ACCELERATION, _YAW_ACCELERATION = 3.0, 6.0  # [m/s^2], [rad/s^2], what may go on unseen
 _LEVELLING = 0.8  # a frame's tilt that carries over to the next
 
@@ -42,7 +43,7 @@ class Track:
         return cls(stamp, pose, np.zeros(3), 0.0, HalfTurn())
 
     def predict(self, stamp: float) -> Prediction:
-        """Return where it must be at `stamp` [s]; unseen it slows down, and may be farther and farther off."""
+        """Return where it must be at `stamp` [s]; unseen it slows down, and may be ever farther off."""
         dt = max(stamp - self.stamp, 0.0)
         moving = min(dt, _STEADY) + _COAST * (1.0 - math.exp(-max(dt - _STEADY, 0.0) / _COAST))
         pose = Pose(
@@ -85,7 +86,7 @@ def facing_as(pose: Pose, yaw: float) -> Pose:
 
 
 def merged(track: Track, stamp: float, given: Prediction | None) -> Prediction:
-    """Return what to expect: what a filter hands in, with the track's half turn and tilt; else the track's own."""
+    """Return what to expect: a filter's prediction with the track's half turn and tilt, or the track's."""
     own = track.predict(stamp)
     if given is None:
         return own
