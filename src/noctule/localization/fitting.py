@@ -75,9 +75,9 @@ def refine(
 ) -> int:
     """Refine `pose` (3,) of the template in the evidence, in place, by Fisher scoring.
 
-    The pose is x, y [m], heading [rad]. Gauss-Newton on the share of drone in a cell against the template's probability there, weighted by how
-    much the cell's share varied while the template was learned. Writes the information (3, 3), in the
-    template's own axes, and returns the steps taken.
+    The pose is x, y [m], heading [rad]. Gauss-Newton on the share of drone in a cell against the template's
+    probability there, weighted by how much the cell's share varied while the template was learned. Writes the
+    information (3, 3), in the template's own axes, and returns the steps taken.
     """
     m = probability.shape[0]
     inverse = 1.0 / cell
@@ -147,9 +147,9 @@ def fit_surface(
 ) -> float:
     """Fit the seen surface to the template's, and write height offset [m] and its slopes to `out` (3,).
 
-    Slopes are along the template's x and y; `pose` (3,) is x, y [m], heading [rad] of the template in the evidence; `solid` weights the template's
-    cells, 0 where it has no surface; `hold` is the information that holds the slopes at zero. Returns the
-    cells used.
+    Slopes are along the template's x and y; `pose` (3,) is x, y [m], heading [rad] of the template in the
+    evidence; `solid` weights the template's cells, 0 where it has no surface; `hold` is the information that
+    holds the slopes at zero. Returns the cells used.
     """
     n, m = drone.shape[0], solid.shape[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])

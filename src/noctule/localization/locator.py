@@ -27,6 +27,8 @@ from noctule.vision.depth.background import Background
 from noctule.vision.depth.blob import Blob
 from noctule.vision.depth.blobs import find_blobs
 
+__all__ = ["Located", "Locator", "LocatorDiagnostics", "LocatorSettings", "LocatorState", "Proposing"]
+
 _STEP = 0.04  # [m], of the search's shifts
 _MOST_STEPS = 4
 # [m], [rad], and deviations of the prediction, that a drone may be off

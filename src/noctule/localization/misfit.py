@@ -28,9 +28,9 @@ def misfit(
 ) -> tuple[float, float, float]:
     """Return how badly outline and surface fit at a pose, and the weight of the surface's cells.
 
-    Misfits are half sums of squares over variances; `weight` and `solid` weight the template's cells in the two. `fitted` (3,) is the surface's height offset
-    [m] and slopes, `height_sd` [m] the spread of a cell's height; beyond three of it a cell is something
-    else.
+    Misfits are half sums of squares over variances; `weight` and `solid` weight the template's cells in the
+    two. `fitted` (3,) is the surface's height offset [m] and slopes, `height_sd` [m] the spread of a cell's
+    height; beyond three of it a cell is something else.
     """
     n, m = share.shape[0], probability.shape[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
