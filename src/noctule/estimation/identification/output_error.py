@@ -187,15 +187,13 @@ def _least_squares(
         valid = abs(tried[0]) < _LONGEST_DELAY and bool((tried[2:SHARED:2] > _LEAST_DRAG).all())
         r1, J1 = residuals(tried, flights) if valid else (r, J)
         cost1 = float(np.sum((weights * r1) ** 2)) if valid else math.inf
+        small = bool(np.all(np.abs(step) <= 1e-12 * (1e-3 + np.abs(p))))
         if cost1 < cost:
-            small = bool(np.all(np.abs(step) <= 1e-12 * (1e-3 + np.abs(p))))
             p, r, J, cost, damping = tried, r1, J1, cost1, max(1e-12, damping / 10.0)
-            if small:
-                break
         else:
             damping *= 10.0
-            if damping > 1e12:
-                break
+        if small or damping > 1e12:
+            break
     return p, cost
 
 
