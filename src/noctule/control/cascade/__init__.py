@@ -1,0 +1,16 @@
+"""The cascade of a kinematic law and a dynamic compensator, with the delay of commands predicted away."""
+
+from noctule.control.cascade.law import cascade, compensator, kinematic_law, saturated
+from noctule.control.cascade.prediction import moved, predict_over_delay
+from noctule.control.cascade.settings import CascadeSettings, DelayTooLongError
+
+__all__ = [
+    "CascadeSettings",
+    "DelayTooLongError",
+    "cascade",
+    "compensator",
+    "kinematic_law",
+    "moved",
+    "predict_over_delay",
+    "saturated",
+]

@@ -1,0 +1,187 @@
+"""Where along its path a vehicle is, tick by tick, and what is wanted of it there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from noctule.control.paths.heading import TurnReference, heading_at
+from noctule.control.paths.nearest import nearest
+from noctule.control.paths.plan import PathPlan, Stop
+from noctule.control.paths.space_path import PathPoint
+from noctule.control.paths.speed import approach_speed, braking_distance
+from noctule.geometry import Array
+
+CAPTURE = 0.03  # [m]; a stop this near is held as a point
+ARRIVED = 0.06  # [m]; a stop at a place begins this near to it
+_AHEAD = 0.15  # [m/s]; how far the allowed speed may rise above what is flown
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """What the controller is asked for: x, y, z [m], yaw [rad] in the world, and how they move."""
+
+    pose: Array  # (4,) the wanted point and heading, eq. (47)'s x_d
+    velocity: Array  # (4,) wanted there: v_d along the path; zeros to hover
+    motion: Array  # (4,) with which the point itself moves, as the vehicle drives the nearest point on
+    acceleration: Array  # (4,) of `velocity` while it is flown: curvature and change of speed
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a plan has been flown."""
+
+    turn: TurnReference
+    s: float = 0.0  # [m], counted on over the laps
+    floor: float = 0.0  # [m], the last stop passed: there is no way back beyond it
+    allowed: float = 0.0  # [m/s], by the acceleration since the last stop
+    speed: float = 0.0  # [m/s], v_d
+    stop: Stop | None = None  # the one being flown to or held; None on the way and at the end
+    gate: float = math.inf  # [m], where that is
+    holding: bool = False
+    since: float | None = None  # [s], when the stop being held began
+    arrived: bool = False  # at the end of the plan
+    timed: int = 0  # stops that have begun or passed
+    placed: int = 0
+    yaw: float | None = None  # [rad], takes the place of the plan's rule
+
+
+def begin(plan: PathPlan, turn: TurnReference) -> Progress:
+    """Return the progress at the beginning of a plan, the wanted heading being as it is."""
+    return _next_gate(plan, Progress(turn))
+
+
+def advance(plan: PathPlan, now: Progress, x: Array, t: float, dt: float) -> tuple[Progress, Reference]:
+    """Return the progress and what is wanted at a tick, `t` [s] after the plan was begun.
+
+    `x` (8,) is the state: x, y, z [m], yaw [rad], their rates in the world; `dt` [s] is since the last tick.
+    """
+    path = plan.path
+    if now.holding:
+        now = _release(plan, now, t)
+    s = now.gate if now.holding else nearest(path, x[:3], now.s, now.floor, now.gate)
+    point = path.at(s)
+    flown = foot_speed(point, x)
+    now = _begin_timed(plan, replace(now, s=s), flown, t)
+    if not now.holding and now.gate - s <= CAPTURE:
+        now = replace(now, holding=True, s=now.gate, speed=0.0, allowed=0.0)
+        point = path.at(now.gate)
+    now = _arrival(plan, now, x, point, t)
+    if now.holding:
+        return _held(plan, now, point, dt)
+    return _cruising(plan, now, point, flown, dt)
+
+
+def foot_speed(point: PathPoint, x: Array) -> float:
+    """Return how fast [m/s] the nearest point moves along the path under the state `x` (8,)."""
+    along = float(x[4:7] @ point.tangent)
+    inside = float((x[:3] - point.position) @ point.curvature)
+    return along / max(1.0 - inside, 0.2)
+
+
+def _cruising(
+    plan: PathPlan, now: Progress, point: PathPoint, flown: float, dt: float
+) -> tuple[Progress, Reference]:
+    settings = plan.speed
+    profile, slope = plan.profile.at(plan.path.within(now.s))
+    distance = now.gate - now.s
+    stopping = approach_speed(distance, settings) if math.isfinite(distance) else math.inf
+    # It may not run ahead of a vehicle that is held back, or it would dash off when let go.
+    allowed = min(now.allowed + settings.acceleration * dt, max(flown, 0.0) + _AHEAD)
+    speed = min(profile, stopping, allowed)
+    if speed == allowed:
+        change = settings.acceleration
+    elif speed == stopping:
+        change = max(-settings.acceleration, -settings.stop_gain * speed)
+    else:
+        change, allowed = slope * speed, profile
+    now = replace(now, allowed=allowed, speed=speed)
+    now, target = _turned(plan, now, point, speed, dt)
+    velocity, motion, acceleration = np.empty(4), np.empty(4), np.empty(4)
+    velocity[:3], velocity[3] = speed * point.tangent, target.rate
+    motion[:3], motion[3] = flown * point.tangent, target.rate
+    acceleration[:3] = change * point.tangent + (speed * flown) * point.curvature
+    acceleration[3] = target.acceleration
+    return now, Reference(_pose(point, target), velocity, motion, acceleration)
+
+
+def _held(plan: PathPlan, now: Progress, point: PathPoint, dt: float) -> tuple[Progress, Reference]:
+    now, target = _turned(plan, now, point, 0.0, dt)
+    rate = np.array([0.0, 0.0, 0.0, target.rate])
+    return now, Reference(_pose(point, target), rate, rate, np.array([0.0, 0.0, 0.0, target.acceleration]))
+
+
+def _pose(point: PathPoint, target: TurnReference) -> Array:
+    pose = np.empty(4)
+    pose[:3], pose[3] = point.position, target.yaw
+    return pose
+
+
+def _turned(
+    plan: PathPlan, now: Progress, point: PathPoint, speed: float, dt: float
+) -> tuple[Progress, TurnReference]:
+    if now.yaw is not None:
+        wanted: tuple[float, float] | None = (now.yaw, 0.0)
+    else:
+        wanted = heading_at(plan.heading, point, plan.path.within(now.s))
+    yaw, per_metre = (now.turn.yaw, 0.0) if wanted is None else wanted
+    # By the wanted speed, not the flown one, whose noise would be differentiated.
+    target = now.turn.step(yaw, per_metre * speed, dt, plan.turning)
+    return replace(now, turn=target), target
+
+
+def _next_gate(plan: PathPlan, now: Progress) -> Progress:
+    """Look out for the next stop at a place, or for the end."""
+    if now.placed < len(plan.placed):
+        stop = plan.placed[now.placed]
+        return replace(now, stop=stop, gate=stop.s or 0.0)
+    return replace(now, stop=None, gate=plan.total)
+
+
+def _begin_timed(plan: PathPlan, now: Progress, flown: float, t: float) -> Progress:
+    """Begin a stop whose time has come: as far ahead as it takes to brake."""
+    if now.timed >= len(plan.timed) or t < (plan.timed[now.timed].time or 0.0):
+        return now
+    stop = plan.timed[now.timed]
+    now = replace(now, timed=now.timed + 1)
+    if t >= (stop.time or 0.0) + stop.seconds:
+        return now
+    if now.holding:  # stopped already: it only lasts longer
+        return replace(now, stop=stop, since=stop.time)
+    gate = min(now.gate, now.s + braking_distance(flown, plan.speed))
+    return replace(now, stop=stop, gate=gate, since=stop.time)
+
+
+def _arrival(plan: PathPlan, now: Progress, x: Array, point: PathPoint, t: float) -> Progress:
+    """Note the arrival at a stop or the end, and turn when it is time to."""
+    if now.holding and not now.arrived and float(np.linalg.norm(x[:3] - point.position)) <= ARRIVED:
+        if now.stop is None:
+            now = replace(now, arrived=True)
+        elif now.since is None:
+            now = replace(now, since=t)
+    stop = now.stop
+    if (
+        stop is not None
+        and stop.yaw is not None
+        and now.since is not None
+        and t - now.since >= stop.turn_after
+    ):
+        now = replace(now, yaw=stop.yaw)
+    return now
+
+
+def _release(plan: PathPlan, now: Progress, t: float) -> Progress:
+    """Go on when a stop is over."""
+    stop = now.stop
+    if stop is None or now.since is None or t - now.since < stop.seconds:
+        return now
+    placed = now.placed
+    while placed < len(plan.placed) and (plan.placed[placed].s or 0.0) <= now.gate + CAPTURE:
+        placed += 1
+    yaw = now.yaw if stop.keep_yaw else None
+    now = replace(
+        now, holding=False, since=None, floor=now.gate, placed=placed, yaw=yaw, allowed=0.0, s=now.gate
+    )
+    return _next_gate(plan, now)
