@@ -229,14 +229,19 @@ def test_several_flights_of_an_axis_are_one_identification_with_a_bias_each():
     assert both.sd == pytest.approx(identify(once).sd / np.sqrt(2.0), rel=0.05)
 
 
-def test_a_drag_below_zero_is_no_vehicle():
+def test_a_drag_or_a_gain_below_zero_is_no_vehicle():
     found = identify(flown(0.0))
     grows = replace(found, axes=(replace(found.axes[0], k_v=-0.02), *found.axes[1:]))
     with pytest.raises(IdentificationError) as told:
         grows.model()
+    backwards = replace(found, axes=(*found.axes[:3], replace(found.axes[3], k_u=-1.0)))
+    with pytest.raises(
+        IdentificationError, match=r"identification of yaw: its gain is -1, its drag 1\.52 1/s"
+    ):
+        backwards.model()
     assert str(told.value) == (
-        "identification of forward: its drag is -0.02 1/s, expected 0 or more; "
-        "were inputs and velocities stamped by the same clock?"
+        "identification of forward: its gain is 4.72, its drag -0.02 1/s, expected a gain above 0 and a drag "
+        "of 0 or more; are signs and stamps of inputs and velocities the same?"
     )
 
 

@@ -25,7 +25,7 @@ from noctule.estimation.identification import (
     validate,
     validation_inputs,
 )
-from noctule.estimation.identification.covariance import deviations, long_run
+from noctule.estimation.identification.covariance import deviations, inverse, long_run
 from noctule.estimation.identification.response import held, plane_response, response
 from noctule.estimation.vehicle_model import TABLE_1, VehicleModel
 
@@ -267,6 +267,12 @@ def test_white_residuals_need_no_widening_and_correlated_ones_get_it():
     widened = deviations(W, smooth, [3000]) / deviations(W, white, [3000])
     assert widened[1] == pytest.approx(np.sqrt(20.0), rel=0.35)
     assert widened[0] > 2.0
+
+
+def test_a_parameter_that_is_known_a_million_times_better_hides_no_other():
+    A = np.diag([1e24, 1.0, 1e-8])
+    assert np.diag(inverse(A)) == pytest.approx([1e-24, 1.0, 1e8])
+    assert inverse(np.diag([1.0, 0.0]))[1, 1] > 1e20
 
 
 def test_the_long_run_covariance_of_independent_scores_is_the_plain_one():

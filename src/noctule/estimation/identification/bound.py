@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from noctule.estimation.identification.covariance import inverse
 from noctule.estimation.identification.flights import Flight
 from noctule.estimation.identification.output_error import SHARED, active, own_parameters, residuals
 from noctule.estimation.vehicle_model import VehicleModel
@@ -28,5 +29,5 @@ def cramer_rao(
         chosen = chosen[chosen < SHARED]
     _, J = residuals(p, flights)
     sd = np.full(p.size, np.nan)
-    sd[chosen] = noise * np.sqrt(np.diag(np.linalg.inv(J[:, chosen].T @ J[:, chosen])))
+    sd[chosen] = noise * np.sqrt(np.diag(inverse(J[:, chosen].T @ J[:, chosen])))
     return sd[1:SHARED], float(sd[0])

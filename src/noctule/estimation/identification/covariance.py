@@ -10,6 +10,7 @@ from noctule.geometry import Array
 
 CORRELATED = 0.15
 """Correlation of neighbouring residuals above which they are not taken for white noise."""
+_NOTHING = 1e-14
 _LAGS = 90  # residuals farther apart than this are taken for independent: gusts last less than 3 s at 30 Hz
 
 
@@ -27,7 +28,7 @@ def deviations(W: Array, residuals: Array, sizes: Sequence[int]) -> Array:
     are correlated (gusts move a vehicle, and it keeps moving) hold less than their number says: then Newey
     and West's covariance is taken where it is the larger one.
     """
-    bread = np.linalg.pinv(W.T @ W, hermitian=True)
+    bread = inverse(W.T @ W)
     variances = np.maximum(np.diag(bread), 0.0)
     meat = np.zeros(bread.shape)
     white = True
@@ -43,6 +44,14 @@ def deviations(W: Array, residuals: Array, sizes: Sequence[int]) -> Array:
     if white:
         return np.asarray(np.sqrt(variances))
     return np.asarray(np.sqrt(np.maximum(variances, np.diag(bread @ meat @ bread))))
+
+
+def inverse(A: Array) -> Array:
+    """Return the inverse (p, p) of information; of what nothing is known, it is very large and never 0."""
+    # In the units of each parameter, since information of one may be 10^12 times that of another.
+    scale = np.sqrt(np.maximum(np.diag(A), _NOTHING))
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    return np.asarray((vectors / np.maximum(values, _NOTHING)) @ vectors.T / np.outer(scale, scale))
 
 
 def long_run(scores: Array) -> Array:

@@ -58,12 +58,13 @@ class Identification:
     def model(self) -> VehicleModel:
         """Return what the filter predicts with; its inputs are those that were sent. Needs all four axes."""
         self.require_all_axes()
-        if min(fit.k_v for fit in self.axes) < 0.0:
-            worst = min(self.axes, key=lambda fit: fit.k_v)
-            raise IdentificationError(
-                f"identification of {worst.axis}: its drag is {worst.k_v:.3g} 1/s, expected 0 or more; "
-                "were inputs and velocities stamped by the same clock?"
-            )
+        for fit in self.axes:
+            if fit.k_u <= 0.0 or fit.k_v < 0.0:
+                raise IdentificationError(
+                    f"identification of {fit.axis}: its gain is {fit.k_u:.3g}, its drag {fit.k_v:.3g} 1/s, "
+                    "expected a gain above 0 and a drag of 0 or more; are signs and stamps of inputs and "
+                    "velocities the same?"
+                )
         return VehicleModel.identified(self.k, max(0.0, self.delay))
 
 
