@@ -91,7 +91,8 @@ COMMANDS = "fly, missions, experiment, report, doctor, teach, locate, identify, 
         (
             ["experiment", "servo-5"],
             'invalid value "servo-5" for NAME. Choose from: "servo-5.1", "servo-5.2", "servo-5.3", '
-            '"servo-5.3-ff", "loc-detection", "loc-pose", "loc-identification". Did you mean "servo-5.3"?; '
+            '"servo-5.3-ff", "loc-detection", "loc-pose", "loc-identification", "loc-fusion". '
+            'Did you mean "servo-5.3"?; '
             "see `noctule experiment --help`",
         ),
         (

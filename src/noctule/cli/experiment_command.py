@@ -9,8 +9,16 @@ from noctule.cli.commands import Law, NoReport
 from noctule.cli.options import Flag, Seed
 
 Experiment = Literal[
-    "servo-5.1", "servo-5.2", "servo-5.3", "servo-5.3-ff", "loc-detection", "loc-pose", "loc-identification"
+    "servo-5.1",
+    "servo-5.2",
+    "servo-5.3",
+    "servo-5.3-ff",
+    "loc-detection",
+    "loc-pose",
+    "loc-identification",
+    "loc-fusion",
 ]
+Markers = Literal["truth", "node"]
 
 
 def experiment(
@@ -26,6 +34,7 @@ def experiment(
     person: Flag = False,
     poses: int | None = None,
     noise: float | None = None,
+    markers: Markers | None = None,
     seed: Seed = None,
     seeds: str | None = None,
     time_limit: float | None = None,
@@ -42,6 +51,7 @@ def experiment(
         oval of 7.7 m, 30 images. servo-5.3-ff: the same, 35 images, the published law with feed-forward.
         loc-detection: which blob is the drone, beside a person, a box and a tray. loc-pose: how true the
         pose of a single frame is. loc-identification: k1 to k8 and the delay of a simulated vehicle.
+        loc-fusion: yaw and position of every sensor, and of all of them fused.
     law
         servo: the control law, noctule, or the published one with its errata mended. Left out, noctule.
     attitude_sd
@@ -53,13 +63,16 @@ def experiment(
     columns
         servo-5.3 and -ff: stand a column on each straight of the oval.
     hull
-        loc-detection and loc-pose: the drone wears its indoor hull.
+        loc-detection, loc-pose and loc-fusion: the drone wears its indoor hull.
     person
-        loc-pose: somebody stands at 0.4 to 0.75 m from the drone.
+        loc-pose: somebody stands at 0.4 to 0.75 m from the drone. loc-fusion: somebody walks by at 0.6 m.
     poses
         loc-pose: how many poses are measured. Left out, 500.
     noise
         loc-identification: sd of the velocities that are measured [m/s, rad/s]. Left out, 0.01.
+    markers
+        loc-fusion: truth, the fused heading is also compared with theirs, or node, they are fused. Left out,
+        truth.
     seed
         What this number draws: textures, furniture, columns, start, noise, gusts. Left out, 0.
     seeds
@@ -82,7 +95,8 @@ def experiment(
     number = one_seed(seed, seeds, 0)
     flown = {"--law": law, "--attitude-sd": attitude_sd, "--time-limit": time_limit}
     oval = {"--laps": laps, "--latency": latency, "--columns": columns or None}
-    measured = {"hull": hull or None, "person": person or None, "poses": poses, "noise": noise}
+    measured: dict[str, object] = {"hull": hull or None, "person": person or None}
+    measured |= {"poses": poses, "noise": noise, "markers": markers}
     if name.startswith("loc-"):
         refuse_others(name, {**flown, **oval, "--no-report": None if report else True})
         return measure_asked(Measurement(name, measured_options(name, measured), number, seeds, out, json))

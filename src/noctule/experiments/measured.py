@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import Field
 
 from noctule.experiments.loc_detection import FRAMES, measure_detection
+from noctule.experiments.loc_fusion import FusionOptions, keep_fusion, measure_fusion
 from noctule.experiments.loc_identification import IdentificationOptions, fly_vehicle, run
 from noctule.experiments.loc_pose import POSES, measure_poses
 from noctule.settings import Settings
@@ -73,6 +74,13 @@ MEASURED: dict[str, MeasuredExperiment] = {
         _identification,
         lambda _: 1,
         _keep_flights,
+    ),
+    "loc-fusion": MeasuredExperiment(
+        "6.3: yaw and position of every sensor and of all of them fused.",
+        FusionOptions,
+        measure_fusion,
+        lambda options: options.frames,
+        keep_fusion,
     ),
 }
 """The experiments by the name that `noctule experiment` takes."""

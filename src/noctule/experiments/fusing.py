@@ -1,0 +1,95 @@
+"""Sensors that measure a flight, and the network that fuses them, on the flight's own time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from noctule.estimation.delayed import FilterSettings
+from noctule.estimation.events import Input
+from noctule.estimation.filter_state import Prior, StateEstimate, start_at
+from noctule.estimation.measurements import Measurement, of_heading, of_pose, of_vehicle_state
+from noctule.estimation.network import Network, Node
+from noctule.estimation.sensors import Sensors
+from noctule.estimation.vehicle_model import VehicleModel
+from noctule.geometry import Array
+from noctule.localization.tracker import Prediction
+from noctule.messages import HeadingMeasurement, PoseMeasurement, VehicleState
+
+SIZE = 11  # of the state: heading bias and velocity biases
+_START = Prior(position=0.05, yaw=0.1, velocity=0.5, yaw_rate=1.0)
+
+
+class Fusion:
+    """A network that begins with the first pose whose half turn is decided."""
+
+    def __init__(self, nodes: Sequence[str], model: VehicleModel, sensors: Sensors) -> None:
+        self._names = tuple(nodes)
+        self._model = model
+        self._sensors = sensors
+        defaults = FilterSettings()
+        noise = sensors.onboard.process_noise(defaults.noise)
+        unknown = sensors.onboard.process_noise(defaults.noise_without_commands)
+        self._settings = defaults.model_copy(update={"noise": noise, "noise_without_commands": unknown})
+        self._network: Network | None = None
+        self._count = 0
+
+    @property
+    def begun(self) -> bool:
+        """Whether it knows anything."""
+        return self._network is not None
+
+    @property
+    def refusals(self) -> dict[str, int]:
+        """How often the gates refused what."""
+        nodes = () if self._network is None else self._network.nodes.values()
+        return {reason: count for node in nodes for reason, count in node.refusals.items()}
+
+    def command(self, stamp: float, u: Array) -> None:
+        """Tell a command as it is sent."""
+        if self._network is not None:
+            self._count += 1
+            self._network.command(Input(stamp, u, sequence=self._count), stamp)
+            self._network.deliver(stamp)
+
+    def report(self, state: VehicleState, now: float) -> None:
+        """Hand the vehicle's report to its node."""
+        measured = of_vehicle_state(
+            self._sensors.onboard.corrected(state), self._sensors.onboard.noise, self._next()
+        )
+        if measured is not None:
+            self._measure("onboard", measured, now)
+
+    def pose(self, pose: PoseMeasurement, certain: bool, now: float) -> None:
+        """Hand a located drone to the node of the depth camera; begin with it if its heading is `certain`."""
+        corrected = self._sensors.depth.corrected(pose)
+        if self._network is None and certain:
+            start = start_at(corrected.stamp, corrected.position, corrected.yaw, _START, SIZE)
+            self._network = Network([Node(name, start, self._model, self._settings) for name in self._names])
+        self._measure("depth", of_pose(corrected, self._next()), now)
+
+    def heading(self, heading: HeadingMeasurement, now: float) -> None:
+        """Hand the markers' heading to their node."""
+        self._measure(
+            "markers", of_heading(self._sensors.markers.corrected_heading(heading), self._next()), now
+        )
+
+    def estimate(self, now: float) -> StateEstimate:
+        """Return what the depth camera's node knows; all know the same while every message arrives."""
+        assert self._network is not None
+        return self._network.nodes["depth"].estimate(now)
+
+    def prediction(self, stamp: float) -> Prediction | None:
+        """Return where to look for the drone in the frame exposed at `stamp` [s]."""
+        if self._network is None:
+            return None
+        known = self.estimate(stamp)
+        return Prediction(known.pose, known.P[:4, :4])
+
+    def _measure(self, name: str, measurement: Measurement, now: float) -> None:
+        if self._network is not None:
+            self._network.measure(name, measurement, now)
+            self._network.deliver(now)
+
+    def _next(self) -> int:
+        self._count += 1
+        return self._count
