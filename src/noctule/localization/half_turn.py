@@ -1,6 +1,6 @@
 """Which of two headings half a turn apart is right: evidence summed over frames.
 
-A single frame is wrong in one of a hundred (bare) to one of twelve (hull); the sum is not. It is bounded, so
+A single frame is wrong in one of a hundred (bare) to one of fifteen (hull); the sum is not. It is bounded, so
 that a slip after an hour of certainty is noticed as fast as one after a second.
 """
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 CERTAIN = 1.0  # evidence that decides: three usual frames
-MOST = 1.6  # more is not kept: from here to a slip noticed, -CERTAIN, it takes eight usual frames
+MOST = 1.4  # more is not kept: from here to a slip noticed, -CERTAIN, it takes eight usual frames
 _PER_FRAME = 0.7  # one frame does not say more
 
 

@@ -32,6 +32,7 @@ __all__ = ["Located", "Locator", "LocatorDiagnostics", "LocatorSettings", "Locat
 _STEP = 0.04  # [m], of the search's shifts
 _MOST_STEPS = 4
 # [m], [rad], and deviations of the prediction, that a drone may be off
+_AGREE, _AGREE_TURN = 0.15, 0.5  # [m], [rad] that frames may differ by and yet have seen the same drone
 _JUMP, _TURN, _SIGMAS = 0.03, 0.06, 4.0
 _UNKNOWN_YAW = (math.pi / 2.0) ** 2  # [rad^2], added to the variance while the half turn is undecided
 
@@ -182,8 +183,10 @@ class Locator:
         if self._candidate is not None:
             track, agreed = self._candidate
             expected = track.predict(stamp)
-            if float(np.linalg.norm(found.pose.position - expected.pose.position)) < 0.15:
-                held = facing_as(found.pose, expected.pose.yaw)
+            held = facing_as(found.pose, expected.pose.yaw)
+            away = float(np.linalg.norm(held.position - expected.pose.position))
+            turn = abs(wrap_angle(held.yaw - expected.pose.yaw))
+            if away < _AGREE and turn < _AGREE_TURN:
                 evidence = found.half_turn if held is found.pose else -found.half_turn
                 return track.follow(stamp, replace(found, pose=held, half_turn=evidence)), agreed + 1
         track = Track.start(stamp, found.pose)

@@ -46,6 +46,7 @@ class Matcher:
     coarse_free: Map
     seen: float  # weight of all cells
     telling: Array  # (k, 4), cells that tell the half turn: i, j, weights of outline and surface
+    telling_quarter: Array  # (k, 4), the same for quarter turns
     turned: Array  # (3,) x, y [m], heading [rad] that lay the template, turned around, best over itself
     half_turn: float  # by how much these cells then fit worse
 
@@ -72,7 +73,8 @@ class Matcher:
             np.asarray(cv2.blur(template.log_drone, (block, block)), dtype=np.float32),
             np.asarray(cv2.blur(template.log_free, (block, block)), dtype=np.float32),
             float(template.weight.sum()),
-            _telling(template, solid),
+            _telling(template, solid, (2,)),
+            _telling(template, solid, (1, 2, 3)),
             np.array([0.0, 0.0, math.pi]),
             0.0,
         )
@@ -140,11 +142,14 @@ class Matcher:
         )  # fmt: skip
         return outline / max(weight, 1.0), relief / max(cells, 1.0)
 
-    def contrast(self, seen: Seen, pose: Array, surface: Array, distance: float) -> float:
-        """Return the misfit of the cells that tell a heading from its half turn."""
+    def contrast(
+        self, seen: Seen, pose: Array, surface: Array, distance: float, quarters: bool = False
+    ) -> float:
+        """Return the misfit of the cells that tell a heading from its half turn, or its quarter turns."""
         t = self.template
+        telling = self.telling_quarter if quarters else self.telling
         return misfit.contrast(
-            *seen, t.probability, t.variance, t.height, self.telling, t.grid.cell, pose, surface,
+            *seen, t.probability, t.variance, t.height, telling, t.grid.cell, pose, surface,
             _relief_sd(distance),
         )  # fmt: skip
 
@@ -153,14 +158,23 @@ def _relief_sd(distance: float) -> float:
     return math.hypot(_RELIEF_SD, _RELIEF_STEP * distance**2)
 
 
-def _telling(template: Template, solid: Map) -> Array:
-    """Return the cells that differ from those half a turn away, (k, 4): i, j, weights of outline and surface.
+def _telling(template: Template, solid: Map, quarters: tuple[int, ...]) -> Array:
+    """Return the cells that differ from those some quarter turns away, (k, 4): i, j and two weights.
 
-    What hardly differs, like the rims of a hull, differs more from view to view than from nose to tail.
+    Weights are of outline and surface. What hardly differs, like the rims of a hull, differs more from view to
+    view than from nose to tail.
     """
     p, h = template.probability, template.height
-    outline = _OUTLINE_SHARE * template.weight * (np.abs(p - p[::-1, ::-1]) > _TELLING)
-    differs = (np.abs(h - h[::-1, ::-1]) > _TELLING_HEIGHT) & (solid > 0.0) & (solid[::-1, ::-1] > 0.0)
-    relief = solid * differs
-    i, j = np.nonzero((outline > 0.0) | (relief > 0.0))
-    return np.column_stack([i, j, outline[i, j], relief[i, j]]).astype(np.float64)
+    outline, relief = np.zeros(p.shape, dtype=np.bool_), np.zeros(p.shape, dtype=np.bool_)
+    for k in quarters:
+        there = (solid > 0.0) & (np.rot90(solid, k) > 0.0)
+        outline |= np.abs(p - np.rot90(p, k)) > _TELLING
+        relief |= there & (np.abs(h - np.rot90(h, k)) > _TELLING_HEIGHT)
+    # The same places count whichever of the headings is supposed.
+    places = np.logical_or.reduce([np.rot90(outline, k) for k in (0, *quarters)])
+    tops = np.logical_or.reduce([np.rot90(relief, k) for k in (0, *quarters)])
+    known = np.logical_and.reduce([np.rot90(template.weight, k) > 0.0 for k in (0, *quarters)])
+    i, j = np.nonzero((places & known) | tops)
+    return np.column_stack([i, j, _OUTLINE_SHARE * (places & known)[i, j], (solid * tops)[i, j]]).astype(
+        np.float64
+    )

@@ -115,12 +115,18 @@ def acquire(scene: Scene, position: Array, reach: int = 3) -> Registration:
     view = scene.view(Pose(position, 0.0), wide=True)
     starts, scores = matcher.search(view.share, view.trust, ALL, reach)
     first = int(np.argmax(scores))
-    # Blocks of 4 cm leave open which quarter turn is best: all four are refined.
+    # Blocks of 4 cm leave open which quarter turn is best, and all four score alike with a hull: what tells
+    # them apart decides.
     quarter = len(ALL) // 4
     found = [
         matcher.refine(view.share, view.trust, starts[(first + k * quarter) % len(ALL)])[0] for k in range(4)
     ]
-    best = max(found, key=lambda at: matcher.judge(view.share, view.trust, at)[0])
+    distance = view.evidence.distance
+
+    def misfit(at: Array) -> float:
+        return matcher.contrast(view.seen, at, _surface(matcher, view, at)[0], distance, quarters=True)
+
+    best = min(found, key=misfit)
     # Once more in its own axes, with the tilt that was not known.
     return register(scene, _moved(view.evidence, best, _surface(matcher, view, best)[0]))
 
