@@ -161,8 +161,8 @@ def _relief_sd(distance: float) -> float:
 def _telling(template: Template, solid: Map, quarters: tuple[int, ...]) -> Array:
     """Return the cells that differ from those some quarter turns away, (k, 4): i, j and two weights.
 
-    Weights are of outline and surface. What hardly differs, like the rims of a hull, differs more from view to
-    view than from nose to tail.
+    Weights are of outline and surface. What hardly differs, like the rims of a hull, differs more from view
+    to view than from nose to tail.
     """
     p, h = template.probability, template.height
     outline, relief = np.zeros(p.shape, dtype=np.bool_), np.zeros(p.shape, dtype=np.bool_)
