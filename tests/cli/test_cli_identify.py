@@ -142,10 +142,10 @@ def test_residuals_that_are_no_noise_are_told():
         "parameters": {f"k{i}": flat for i in range(1, 9)},
         "delay_s": {"estimate": 0.0667, "sd": 0.0004},
         "residuals": {
-            axis: {"sd": 0.1, "correlation": 0.8 * (axis == "up")}
+            axis: {"sd": 0.1, "correlation": 0.8 * (axis in ("up", "yaw"))}
             for axis in ("forward", "left", "up", "yaw")
         },
-        "fit": {"forward": 0.98, "left": 0.97, "up": float("nan"), "yaw": 0.5},
+        "fit": {"forward": 0.98, "left": 0.97, "up": float("nan"), "yaw": 0.999},
         "vehicle_model": "v.toml",
         "figures": [],
     }

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from noctule.geometry import Array
 
 Method = Literal["output-error", "published"]
+_GOOD = 0.995  # a fit of which nothing is left to speak of
 _COLOURED = 0.3  # correlation of neighbouring residuals above which deviations are too small to believe
 
 
@@ -145,7 +146,11 @@ def in_words(summary: Mapping[str, Any]) -> str:
         lines += ["", f"delay: {1e3 * delay['estimate']:.1f} ± {1e3 * delay['sd']:.1f} ms"]
     else:
         lines += ["", "delay: taken for 0; this method finds none"]
-    loud = [axis for axis, r in summary["residuals"].items() if abs(r["correlation"]) > _COLOURED]
+    loud = [
+        axis
+        for axis, left in summary["residuals"].items()
+        if abs(left["correlation"]) > _COLOURED and not summary["fit"][axis] > _GOOD
+    ]
     if loud:
         lines.append(
             f"note: what is left on {', '.join(loud)} is no white noise (gusts, or a model too simple); "

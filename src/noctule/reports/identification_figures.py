@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from noctule.estimation.identification import AXES, Validation
 from noctule.reports.flight_report import write_files
@@ -65,4 +66,5 @@ def _draw_input(axis: Axes, flight: Validation, a: int) -> None:
         label = f"input, at most\n{largest:.2g}"
         axis.step(flight.command_stamps, scaled, where="post", color=MUTED, lw=0.8, label=label)
     axis.set_ylim(low - 0.85 * tall, high + 0.15 * tall)
-    axis.set_yticks([tick for tick in axis.get_yticks() if low - 0.1 * tall <= tick <= high + 0.1 * tall])
+    ticks = MaxNLocator(4).tick_values(low, high)
+    axis.set_yticks([tick for tick in ticks if low - 0.1 * tall <= tick <= high + 0.1 * tall])
