@@ -23,6 +23,7 @@ from noctule.cli.locate_commands import (
     calibrate_template,
     locate,
 )
+from noctule.cli.nodes import node_depth, node_fusion, node_markers, node_onboard
 from noctule.cli.path_commands import path_check, path_show, teach
 from noctule.errors import NoctuleError
 
@@ -54,6 +55,12 @@ _CALIBRATE_EXAMPLES: dict[str, tuple[Callable[..., int], str]] = {
     ),
     "record": (calibrate_record, "noctule calibrate record --simulated --flight path --out path.mcap"),
 }
+_NODE_EXAMPLES: dict[str, tuple[Callable[..., int], str]] = {
+    "onboard": (node_onboard, "noctule node onboard --recording flights/try/flight.mcap"),
+    "depth": (node_depth, "noctule node depth --site sites/lab --device NAME"),
+    "markers": (node_markers, "noctule node markers --site sites/lab --device NAME"),
+    "fusion": (node_fusion, "noctule node fusion --out flights/fused"),
+}
 
 
 def build() -> App:
@@ -75,6 +82,7 @@ def build() -> App:
         "Teach a depth camera of the room what it needs to locate the drone.",
         _CALIBRATE_EXAMPLES,
     )
+    _add_group(app, "node", "Sensors that agree without a centre: one process for each.", _NODE_EXAMPLES)
     return app
 
 

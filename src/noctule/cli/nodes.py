@@ -1,0 +1,213 @@
+"""`noctule node`: one process per sensor, and one that shows what all of them know."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from noctule.cli.depth_options import NONE, SourceOptions
+from noctule.cli.locate_commands import Detector
+from noctule.cli.node_options import NODE, NodeOptions, NodeOptionsError, Prepared, prepare
+from noctule.cli.options import Flag, Seed
+
+if TYPE_CHECKING:
+    from noctule.flight.depth_sources import DepthSource
+    from noctule.flight.network.process import Reading
+    from noctule.localization.site import SiteCamera
+    from noctule.messages import DepthFrame
+
+_SECONDS = 60.0  # of a simulated flight
+
+
+def node_onboard(
+    *,
+    node: NodeOptions = NODE,
+    recording: Path | None = None,
+    simulated: Flag = False,
+    seed: Seed = None,
+    seconds: float | None = None,
+    json: Flag = False,
+) -> int:
+    """Share what the vehicle reports of itself, and tell the others the commands that it is sent.
+
+    Parameters
+    ----------
+    recording
+        Reports and commands of a recorded flight (.mcap), played in real time.
+    simulated
+        Reports of a vehicle along the path of the simulated room: that of `noctule node depth --simulated`.
+    seed
+        With --simulated: draws the errors of the reports. Left out, 0.
+    seconds
+        Stop after this long.
+    json
+        End standard output with one JSON object; the live line goes to standard error.
+    """
+    from noctule.cli.node_running import run_prepared
+
+    given = _one_of("onboard", {"--recording": recording, "--simulated": simulated}, node)
+    if seed is not None and given != "--simulated":
+        raise NodeOptionsError("node onboard: --seed goes with --simulated only; leave it out")
+    ready = prepare("onboard", node)
+
+    def readings(stop: threading.Event) -> Iterable[Reading]:
+        if recording is not None:
+            return _of_recording(recording, ready, stop)
+        return _of_simulation(seed or 0, seconds or _SECONDS, ready, stop)
+
+    return run_prepared(ready, readings, seconds=seconds, as_json=json)
+
+
+def node_depth(
+    *,
+    node: NodeOptions = NODE,
+    source: SourceOptions = NONE,
+    site: Path | None = None,
+    detector: Detector = "band",
+    json: Flag = False,
+) -> int:
+    """Share where a depth camera in the room sees the drone.
+
+    Parameters
+    ----------
+    site
+        The folder of the site, see `noctule calibrate`.
+    detector
+        What proposes blobs to start from and to find the drone again.
+    json
+        End standard output with one JSON object; the live line goes to standard error.
+    """
+    from noctule.cli.node_running import run_prepared
+
+    _one_of("depth", {"--site": site}, node)
+    ready = prepare("depth", node)
+    if site is None:
+        return run_prepared(ready, as_json=json)
+
+    from noctule.cli.depth_options import depth_source
+    from noctule.cli.depth_stream import require_same_camera
+    from noctule.flight.network.sensing import located
+    from noctule.localization.learning.bootstrap import MIN_AREA
+    from noctule.localization.locator import Locator, LocatorSettings
+    from noctule.localization.site import load_site
+
+    known = load_site(site)
+    frames = depth_source(source, "node depth", "path", _SECONDS)
+    require_same_camera(frames, known.camera.camera)
+    locator = Locator(
+        known.camera.camera,
+        known.background,
+        known.template,
+        known.detectors.named(detector),
+        LocatorSettings(min_area=MIN_AREA),  # the blobs that detectors are fitted on
+        offset=known.camera.offset,
+    )
+    return run_prepared(
+        ready,
+        lambda stop: located(_timed(frames, known.camera, ready, source, stop), locator, ready.name),
+        as_json=json,
+    )
+
+
+def node_markers(
+    *, node: NodeOptions = NODE, source: SourceOptions = NONE, site: Path | None = None, json: Flag = False
+) -> int:
+    """Share the heading that the drone's colour markers tell, from a depth camera with colour.
+
+    Parameters
+    ----------
+    site
+        The folder of the site, with its camera and background.
+    json
+        End standard output with one JSON object; the live line goes to standard error.
+    """
+    from noctule.cli.node_running import run_prepared
+
+    _one_of("markers", {"--site": site}, node)
+    ready = prepare("markers", node)
+    if site is None:
+        return run_prepared(ready, as_json=json)
+
+    from noctule.cli.depth_options import depth_source
+    from noctule.cli.depth_stream import require_same_camera
+    from noctule.flight.network.sensing import marked
+    from noctule.localization.site import load_background, load_camera
+
+    camera = load_camera(site)
+    background = load_background(site, camera.camera)
+    frames = depth_source(source, "node markers", "path", _SECONDS)
+    require_same_camera(frames, camera.camera)
+    return run_prepared(
+        ready,
+        lambda stop: marked(
+            _timed(frames, camera, ready, source, stop), background, camera.camera, ready.name
+        ),
+        as_json=json,
+    )
+
+
+def node_fusion(
+    *,
+    node: NodeOptions = NODE,
+    seconds: float | None = None,
+    out: Path | None = None,
+    json: Flag = False,
+) -> int:
+    """Show and record what the nodes know together, and who is there or missing. It measures nothing itself.
+
+    Parameters
+    ----------
+    seconds
+        Stop after this long; left out, at Ctrl-C.
+    out
+        The folder for estimates.csv and estimates.mcap; left out, a new one under flights/.
+    json
+        End standard output with one JSON object; the live line goes to standard error.
+    """
+    from noctule.cli.node_running import run_prepared
+
+    return run_prepared(prepare("fusion", node), out=out, record=True, seconds=seconds, as_json=json)
+
+
+def _one_of(role: str, options: dict[str, object], node: NodeOptions) -> str:
+    choices = {**options, "--drill": node.drill is not None}
+    given = [option for option, value in choices.items() if value]
+    if len(given) != 1:
+        raise NodeOptionsError(
+            f"node {role}: found {' and '.join(given) or 'none'}, expected exactly one of "
+            f"{', '.join(choices)}"
+        )
+    return given[0]
+
+
+def _timed(
+    source: DepthSource, camera: SiteCamera, ready: Prepared, options: SourceOptions, stop: threading.Event
+) -> Iterable[DepthFrame]:
+    from noctule.flight.network.pacing import live_frames, paced_frames
+    from noctule.localization.site import straightened
+
+    frames = straightened(source.frames(), camera)
+    if options.device is not None:
+        return live_frames(frames, stop)
+    return paced_frames(frames, ready.schedule, stop)
+
+
+def _of_recording(file: Path, ready: Prepared, stop: threading.Event) -> Iterable[Reading]:
+    from noctule.flight.network.sensing import recorded_navdata
+    from noctule.flight.reader import read_recording
+
+    recording = read_recording(file)
+    first = recording.ticks[0].stamp if recording.ticks else 0.0
+    return recorded_navdata(recording, ready.schedule(first), ready.name, stop)
+
+
+def _of_simulation(seed: int, seconds: float, ready: Prepared, stop: threading.Event) -> Iterable[Reading]:
+    from noctule.flight.depth_scene import Scene
+    from noctule.flight.network.sensing import simulated_navdata
+
+    poses = [
+        (stamp, pose) for stamp, pose in Scene("path", seed, seconds=seconds).poses() if pose is not None
+    ]
+    return simulated_navdata(poses, seed, ready.schedule(0.0), ready.name, stop)
