@@ -54,7 +54,7 @@ def locate_drone(
         known.template,
         known.detectors.named(detector),
         LocatorSettings(min_area=MIN_AREA),  # the blobs that detectors are fitted on
-        offset=-known.camera.offset,
+        offset=known.camera.offset,
     )
     folder = out_folder(out, "locate")
     tally, status = Tally(source.truth), Status(json)

@@ -98,7 +98,7 @@ def _locator(
 ) -> Locator:
     # Detectors were fitted on pieces as small as this.
     settings = LocatorSettings(min_area=MIN_AREA)
-    return Locator(camera, background, template, detectors.band, settings, offset=-offset)
+    return Locator(camera, background, template, detectors.band, settings, offset=offset)
 
 
 def stamps(begin: float, count: int) -> Iterator[float]:

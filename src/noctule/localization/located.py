@@ -51,7 +51,7 @@ class LocatorSettings(Settings):
     coast: float = Field(
         default=0.5, ge=0.0, le=5.0, description="[s], an unseen drone is looked for where it was"
     )
-    min_area: int = Field(default=150, ge=1, le=100000, description="[px], smaller blobs are not proposed")
+    min_area: int = Field(default=15, ge=1, le=100000, description="[px], smaller pieces are not looked at")
 
 
 class LocatorState(StrEnum):

@@ -15,6 +15,7 @@ import numpy as np
 
 from noctule.camera import FixedCamera
 from noctule.geometry import Array, Pose, wrap_angle
+from noctule.localization.detection.splinters import join_splinters
 from noctule.localization.half_turn import Facing
 from noctule.localization.health import FrameHealth
 from noctule.localization.located import Located, LocatorDiagnostics, LocatorSettings, LocatorState
@@ -54,7 +55,7 @@ class Locator:
     background : the room without the drone
     template : the drone's top view
     detector : proposes blobs to start from; None: all of a plausible size are tried
-    offset : (3,) [m], added to every position: the constant bias of this camera, from the calibration
+    offset : (3,) [m], measured minus true, as the calibration found it; taken off every position
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class Locator:
         self._health = FrameHealth(camera.intrinsics, background)
         self._track: Track | None = None
         self._candidate: tuple[Track, int] | None = None  # and the frames that agreed
+        self._lost_at: Array | None = None  # (3,) [m]
         self._seen = False
         self._sure = 0.0  # [s], when a frame last left no doubt
 
@@ -99,7 +101,7 @@ class Locator:
                 self._candidate = None
                 return self._accept(frame.stamp, self._track.follow(frame.stamp, found), found)
             if frame.stamp - self._track.stamp > self.settings.coast:
-                self._track = None
+                self._track, self._lost_at = None, self._track.pose.position
         return self._search(scene, frame.stamp, reason, looked)
 
     def _look(self, scene: Scene, expected: Prediction) -> Registration:
@@ -158,12 +160,14 @@ class Locator:
     def _search(self, scene: Scene, stamp: float, reason: str, looked: LocatorDiagnostics) -> Located:
         """Look at the blobs; a drone must be confirmed over a few frames before it is believed."""
         _, blobs = find_blobs(scene.depth, self._background, self.camera.intrinsics, self.settings.min_area)
-        proposed = (
-            self._plausible(blobs) if self._detector is None else self._detector.propose(blobs, self.camera)
-        )
+        proposed = self._proposed(blobs)
+        places = [self._position(blob) for blob in proposed]
+        if self._lost_at is not None:
+            # A hidden drone, or one that something stands beside, is no blob of its own.
+            places.append(self._lost_at)
         best: Registration | None = None
-        for blob in proposed:
-            found = acquire(scene, self._position(blob))
+        for place in places:
+            found = acquire(scene, place)
             if self._is_start(found) and (best is None or found.score > best.score):
                 best = found
         looked = replace(looked, proposals=len(proposed))
@@ -203,6 +207,14 @@ class Locator:
         position[2] -= self._matcher.template.surface
         return np.asarray(position)
 
+    def _proposed(self, blobs: Sequence[Blob]) -> tuple[Blob, ...]:
+        """Return what the detector proposes; where that is nothing, all that is of a plausible size.
+
+        A detector knows only the heights that it was shown, and the registration confirms in any case.
+        """
+        proposed = () if self._detector is None else self._detector.propose(blobs, self.camera)
+        return proposed or self._plausible(join_splinters(blobs, self.camera)[0])
+
     def _plausible(self, blobs: Sequence[Blob]) -> tuple[Blob, ...]:
         """Return the blobs that are not much larger or smaller than the template."""
         t = self._matcher.template
@@ -211,13 +223,13 @@ class Locator:
         return tuple(b for b in blobs if 0.3 * area < b.area * b.depth**2 / (fx * fy) < 6.0 * area)
 
     def _accept(self, stamp: float, track: Track, found: Registration, proposals: int = 0) -> Located:
-        self._track, self._seen = track, True
+        self._track, self._seen, self._lost_at = track, True, None
         certain = track.half_turn.facing is Facing.CERTAIN
         covariance = (
             found.covariance if certain else found.covariance + np.diag([0.0, 0.0, 0.0, _UNKNOWN_YAW])
         )
         measurement = PoseMeasurement(
-            stamp, track.pose.position + self._offset, track.pose.yaw, covariance, "registration"
+            stamp, track.pose.position - self._offset, track.pose.yaw, covariance, "registration"
         )
         looked = replace(_diagnostics(found), half_turn=track.half_turn.evidence, proposals=proposals)
         slipped = track.half_turn.slipped
