@@ -20,6 +20,7 @@ from noctule.cli.locate_commands import (
     calibrate_detector,
     calibrate_offset,
     calibrate_record,
+    calibrate_sensors,
     calibrate_template,
     locate,
 )
@@ -53,6 +54,7 @@ _CALIBRATE_EXAMPLES: dict[str, tuple[Callable[..., int], str]] = {
         calibrate_offset,
         "noctule calibrate offset --simulated --site sites/lab --height 1.2 --at 0,0",
     ),
+    "sensors": (calibrate_sensors, "noctule calibrate sensors flights/try/sensors.mcap --site sites/lab"),
     "record": (calibrate_record, "noctule calibrate record --simulated --flight path --out path.mcap"),
 }
 _NODE_EXAMPLES: dict[str, tuple[Callable[..., int], str]] = {

@@ -10,6 +10,7 @@ from noctule.cli.options import Flag
 
 Flown = Literal["none", "manual", "path", "stand"]
 Detector = Literal["cubics", "band", "hu"]
+Kind = Literal["truth", "markers"]
 
 
 def calibrate_background(*, source: SourceOptions = NONE, out: Path, json: Flag = False) -> int:
@@ -103,6 +104,40 @@ def calibrate_offset(
     from noctule.cli.calibrating_offset import find_offset
 
     return find_offset(source, site, height, at, out, json)
+
+
+def calibrate_sensors(
+    recording: Path,
+    /,
+    *,
+    site: Path,
+    reference: Kind | None = None,
+    out: Path | None = None,
+    json: Flag = False,
+) -> int:
+    """Find bias, noise and delay of each sensor, and how its heading depends on the heading.
+
+    Writes sensors.toml, which the filter loads, and draws the errors. Sensors that the recording does not
+    hold stay as they are.
+
+    Parameters
+    ----------
+    recording
+        A flight (.mcap) that turns through all headings: the vehicle's reports, and depth frames or what was
+        located in them, beside ground truth or colour markers.
+    site
+        The folder of the site; depth frames are located with it.
+    reference
+        truth: the ground truth of a simulated flight. markers: the colour markers. Left out, truth where the
+        recording holds it.
+    out
+        Write sensors.toml and the figures into this folder; left out, the site.
+    json
+        End standard output with one JSON object.
+    """
+    from noctule.cli.calibrating_sensors import find_sensors
+
+    return find_sensors(recording, site, reference, out, json)
 
 
 def calibrate_record(

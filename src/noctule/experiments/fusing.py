@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from noctule.estimation.delayed import FilterSettings
 from noctule.estimation.events import Input
@@ -12,6 +13,7 @@ from noctule.estimation.network import Network, Node
 from noctule.estimation.sensors import Sensors
 from noctule.estimation.vehicle_model import VehicleModel
 from noctule.geometry import Array
+from noctule.localization.heading.turns import HALF_TURN, nearest_turn
 from noctule.localization.tracker import Prediction
 from noctule.messages import HeadingMeasurement, PoseMeasurement, VehicleState
 
@@ -20,7 +22,7 @@ _START = Prior(position=0.05, yaw=0.1, velocity=0.5, yaw_rate=1.0)
 
 
 class Fusion:
-    """A network that begins with the first pose whose half turn is decided."""
+    """A network that begins with the first pose after the vehicle's first report."""
 
     def __init__(self, nodes: Sequence[str], model: VehicleModel, sensors: Sensors) -> None:
         self._names = tuple(nodes)
@@ -32,6 +34,8 @@ class Fusion:
         self._settings = defaults.model_copy(update={"noise": noise, "noise_without_commands": unknown})
         self._network: Network | None = None
         self._count = 0
+        self._heard = False
+        self._heading: float | None = None  # [rad], the newest that the vehicle said
 
     @property
     def begun(self) -> bool:
@@ -53,16 +57,29 @@ class Fusion:
 
     def report(self, state: VehicleState, now: float) -> None:
         """Hand the vehicle's report to its node."""
-        measured = of_vehicle_state(
-            self._sensors.onboard.corrected(state), self._sensors.onboard.noise, self._next()
-        )
+        corrected = self._sensors.onboard.corrected(state)
+        self._heard, self._heading = True, corrected.yaw
+        measured = of_vehicle_state(corrected, self._sensors.onboard.noise, self._next())
         if measured is not None:
             self._measure("onboard", measured, now)
 
+    def faced(self, pose: PoseMeasurement) -> PoseMeasurement:
+        """Return the pose or its half turn, whichever is nearer to what is known of the heading: Alg. 1.
+
+        The view from above tells the half turn in most frames, but where it errs it errs for seconds. What
+        the vehicle says of its heading, off by up to 30 deg, tells it at the start, later the estimate does.
+        """
+        known = self._heading if self._network is None else self.estimate(pose.stamp).yaw
+        return pose if known is None else replace(pose, yaw=nearest_turn(pose.yaw, known, HALF_TURN))
+
     def pose(self, pose: PoseMeasurement, certain: bool, now: float) -> None:
-        """Hand a located drone to the node of the depth camera; begin with it if its heading is `certain`."""
+        """Hand a located drone to the node of the depth camera.
+
+        It begins with the first after a report; where the vehicle says nothing of its heading, with the first
+        whose half turn is `certain` from above.
+        """
         corrected = self._sensors.depth.corrected(pose)
-        if self._network is None and certain:
+        if self._network is None and self._heard and (certain or self._heading is not None):
             start = start_at(corrected.stamp, corrected.position, corrected.yaw, _START, SIZE)
             self._network = Network([Node(name, start, self._model, self._settings) for name in self._names])
         self._measure("depth", of_pose(corrected, self._next()), now)

@@ -80,6 +80,7 @@ class Sensed:
     located: list[Located] = field(default_factory=list)
     headings: list[HeadingMeasurement] = field(default_factory=list)
     against_markers: list[float] = field(default_factory=list)  # [rad], fused less markers
+    turned: int = 0  # frames whose half turn the fusion held to be the other one
     refusals: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -163,9 +164,11 @@ def sense(
             located, heading = camera.look(what, fused)
             found.located.append(located)
             if located.measurement is not None:
-                judge_pose(found.sources["depth"], flight.at(what.stamp), located.measurement)
+                pose = fused.faced(located.measurement)
+                found.turned += abs(wrap_angle(pose.yaw - located.measurement.yaw)) > 1.0
+                judge_pose(found.sources["depth"], flight.at(what.stamp), pose)
                 for fusion in told:
-                    fusion.pose(located.measurement, located.heading_certain, now)
+                    fusion.pose(fusion.faced(pose), located.heading_certain, now)
                 if fused.begun:
                     judged_from = min(judged_from, now + SETTLED)
             if heading is not None:
@@ -221,6 +224,7 @@ def figures_of(sensed: Sensed) -> dict[str, Any]:
     figures: dict[str, Any] = {
         "located_share": len(sensed.poses) / max(len(sensed.located), 1),
         "slips": sum(one.slipped for one in sensed.located),
+        "half_turn_wrong_share": sensed.turned / max(len(sensed.poses), 1),
         "refused": sum(sensed.refusals.values()),
         **{name: errors.figures() for name, errors in sensed.sources.items()},
         "without_camera": {name: errors.figures() for name, errors in sensed.without_camera.items()},
