@@ -140,6 +140,9 @@ WHO = "contribution 77 of 'depth'"
         ({"i": np.full(11, np.nan)}, f"{WHO}: holds numbers that are not finite; it is refused"),
         ({"stamp": np.inf}, f"{WHO}: holds numbers that are not finite; it is refused"),
         ({"jump": np.full(11, np.inf)}, f"{WHO}: holds numbers that are not finite; it is refused"),
+        ({"jump": np.full(11, 1e200)}, f"{WHO}: holds numbers beyond what any sensor says; it is refused"),
+        ({"i": np.full(11, 1e300)}, f"{WHO}: holds numbers beyond what any sensor says; it is refused"),
+        ({"yaw": 1e17}, f"{WHO}: holds numbers beyond what any sensor says; it is refused"),
         (
             {"I": -np.eye(11)},
             f"{WHO}: I has an eigenvalue of -1; expected none below 0: no measurement makes this",
@@ -270,10 +273,11 @@ def test_a_snapshot_that_is_cut_is_told():
 def test_a_snapshot_without_a_covariance_is_told():
     body = bytearray(snapshot_to_bytes(node().filter.snapshot())[6:-4])
     begin = struct.calcsize("<Hdi16sQdB") + 8 * 11
-    body[begin : begin + 8] = struct.pack("<d", -1.0)
-    assert refusal(seal(b"NOCS", bytes(body)), snapshot_from_bytes) == (
-        "snapshot: its covariance is not positive definite, or holds no numbers; refused"
-    )
+    for value in (-1.0, 1e300, np.nan):
+        body[begin : begin + 8] = struct.pack("<d", value)
+        assert refusal(seal(b"NOCS", bytes(body)), snapshot_from_bytes) == (
+            "snapshot: its covariance is not positive definite, or holds no numbers; refused"
+        )
 
 
 def test_commands_that_are_no_numbers_or_too_few_are_told():
@@ -281,10 +285,11 @@ def test_commands_that_are_no_numbers_or_too_few_are_told():
     assert refusal(seal(b"NOCU", bytes(body[:-1])), inputs_from_bytes) == (
         "commands: 66 bytes for 1 of them; expected 67"
     )
-    body[-8:] = struct.pack("<d", np.nan)
-    assert refusal(seal(b"NOCU", bytes(body)), inputs_from_bytes) == (
-        "command at 1.0 s: [0.1, -0.2, 0.3, nan]; expected finite numbers"
-    )
+    for value, said in ((np.nan, "nan"), (1e200, "1e+200")):
+        body[-8:] = struct.pack("<d", value)
+        assert refusal(seal(b"NOCU", bytes(body)), inputs_from_bytes) == (
+            f"command at 1.0 s: [0.1, -0.2, 0.3, {said}]; expected finite numbers, of the inputs up to 1000"
+        )
 
 
 def test_a_command_without_a_count_is_not_sent():

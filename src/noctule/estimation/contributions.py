@@ -30,6 +30,8 @@ from noctule.estimation.measurements import Measurement, linearise
 from noctule.geometry import Array
 
 MAGIC = b"NOCI"
+_LARGEST = 1e15  # finite is not enough: what is much larger overflows when it is multiplied
+_LARGEST_JUMP = 1e4  # [m, rad, m/s, rad/s]
 _HEAD = struct.Struct(f"<H{NAME_BYTES}sQddd")
 
 
@@ -121,6 +123,9 @@ def check(part: Contribution) -> None:
     arrays = (part.i, part.I, jump)
     if not (all(np.isfinite(a).all() for a in arrays) and all(map(math.isfinite, scalars))):
         raise ContributionError(f"{who}: holds numbers that are not finite; it is refused")
+    size = max(float(np.abs(a).max()) for a in (part.i, part.I, np.array(scalars)))
+    if size > _LARGEST or np.abs(jump).max() > _LARGEST_JUMP:
+        raise ContributionError(f"{who}: holds numbers beyond what any sensor says; it is refused")
     if not 0 <= part.sequence < 2**64:
         raise ContributionError(f"{who}: its sequence is out of range; expected 0 to 2^64 - 1")
     if not np.array_equal(part.I, part.I.T):

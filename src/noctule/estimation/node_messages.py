@@ -16,6 +16,7 @@ from noctule.estimation.events import Event, Input, Key, Snapshot
 from noctule.estimation.filter_state import SIZES
 from noctule.estimation.framing import NAME_BYTES, MessageError, packed_name, seal, unpacked_name, unseal
 
+_LARGEST, _LARGEST_INPUT = 1e15, 1000.0  # what is much larger overflows when it is multiplied
 INPUTS, SNAPSHOT = b"NOCU", b"NOCS"
 _COUNT = struct.Struct("<H")
 _INPUT = struct.Struct(f"<{NAME_BYTES}sQd?4d")
@@ -70,7 +71,7 @@ def snapshot_from_bytes(data: bytes) -> Snapshot:
     P = np.zeros((n, n))
     P[np.triu_indices(n)] = numbers[n:]
     P = P + np.triu(P, 1).T
-    finite = np.isfinite(numbers).all() and np.isfinite([stamp, at]).all()
+    finite = np.isfinite([stamp, at]).all() and bool((np.abs(numbers) <= _LARGEST).all())
     if not (finite and np.linalg.eigvalsh(P)[0] > 0.0):
         raise MessageError("snapshot: its covariance is not positive definite, or holds no numbers; refused")
     source = unpacked_name(name, "snapshot") if name.strip(b"\0") else ""
@@ -97,8 +98,8 @@ def _packed_input(sent: Input) -> bytes:
 
 def _unpacked_input(body: bytes, place: int) -> Input:
     name, sequence, stamp, known, *u = _INPUT.unpack_from(body, place)
-    if not np.isfinite([stamp, *u]).all():
-        raise MessageError(f"command at {stamp} s: {u}; expected finite numbers")
+    if not (np.isfinite(stamp) and (np.abs(u) <= _LARGEST_INPUT).all()):
+        raise MessageError(f"command at {stamp} s: {u}; expected finite numbers, of the inputs up to 1000")
     return Input(stamp, np.array(u) if known else None, unpacked_name(name, "command"), sequence)
 
 
