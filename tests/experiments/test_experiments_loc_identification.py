@@ -118,8 +118,8 @@ def test_the_figures_have_every_parameter_the_delay_and_the_published_ones(noisy
         assert one["sd"] == noisy.output_error.sd[i]
         assert one["bound"] == noisy.bound[i]
         assert figures["methods"]["published"]["parameters"][f"k{i + 1}"]["estimate"] == noisy.published.k[i]
-    assert figures["delay_s"]["true"] == DELAY
-    assert figures["delay_s"]["estimate"] == noisy.output_error.delay
+    assert figures["delay_true_s"] == DELAY
+    assert figures["delay_s"] == noisy.output_error.delay
     assert "delay_s" not in figures["methods"]["published"]
     assert list(figures["validation_fit"]) == list(AXES)
     pooled = together([{"seed": 0, **figures}, {"seed": 1, **figures}])

@@ -157,23 +157,33 @@ def test_a_filters_prediction_is_looked_at():
     assert at.measurement is None  # half a metre in a frame is no drone
 
 
-def test_the_calibrated_offset_is_added():
+def test_the_calibrated_offset_is_taken_off():
     plain, moved = locator(), Locator(CAMERA, background(), template(), offset=np.array([0.01, 0.02, -0.03]))
     a, b = fly(plain, range(4))[-1], fly(moved, range(4))[-1]
     np.testing.assert_allclose(
-        b.measurement.position - a.measurement.position, [0.01, 0.02, -0.03], atol=1e-12
+        a.measurement.position - b.measurement.position, [0.01, 0.02, -0.03], atol=1e-12
     )
 
 
 def test_a_detector_decides_what_is_looked_at():
+    class Picky:
+        def propose(self, blobs, camera):
+            return tuple(blobs)[:1]
+
+    it = Locator(CAMERA, background(), template(), Picky())
+    assert it.step(frame(0, drone(HOME))).diagnostics.proposals == 1
+
+
+def test_where_a_detector_proposes_nothing_what_has_a_plausible_size_is_tried():
     class Blind:
         def propose(self, blobs, camera):
             return ()
 
     it = Locator(CAMERA, background(), template(), Blind())
-    located = it.step(frame(0, drone(HOME)))
-    assert located.reason == "no drone in view: none of 1 things looks like one to the detector"
-    assert located.diagnostics.proposals == 0
+    assert fly(it, range(4))[-1].measurement is not None
+    empty = Locator(CAMERA, background(), template(), Blind()).step(frame(0))
+    assert empty.reason == "nothing in view: no foreground is as large as a drone"
+    assert empty.diagnostics.proposals == 0
 
 
 def test_a_stricter_start_needs_more_frames():

@@ -126,7 +126,8 @@ def figures_of(found: Identification) -> dict[str, Any]:
     }
     return {
         "parameters": parameters,
-        "delay_s": {"estimate": found.delay, "sd": found.delay_sd},
+        "delay_s": found.delay,
+        "delay_sd_s": found.delay_sd,
         "residuals": residuals,
     }
 
@@ -141,9 +142,8 @@ def in_words(summary: Mapping[str, Any]) -> str:
         cells = [f"k{2 * a + i} {_with_sd(k[f'k{2 * a + i}'])}" for i in (1, 2)]
         valid = _percent(tried[axis]) if tried else "-"
         lines.append(f"  {axis:<8}  {cells[0]:>22}  {cells[1]:>22}  {_percent(fit):>7}  {valid:>10}")
-    delay = summary["delay_s"]
     if summary["method"] == "output-error":
-        lines += ["", f"delay: {1e3 * delay['estimate']:.1f} ± {1e3 * delay['sd']:.1f} ms"]
+        lines += ["", f"delay: {1e3 * summary['delay_s']:.1f} ± {1e3 * summary['delay_sd_s']:.1f} ms"]
     else:
         lines += ["", "delay: taken for 0; this method finds none"]
     loud = [

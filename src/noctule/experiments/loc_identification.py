@@ -188,12 +188,10 @@ def _figures(found: Identification, bound: Array, delay_bound: float | None) -> 
     }
     figures: dict[str, Any] = {"parameters": parameters}
     if delay_bound is not None:
-        figures["delay_s"] = {
-            "true": DELAY,
-            "estimate": found.delay,
-            "sd": found.delay_sd,
-            "bound": delay_bound,
-        }
+        figures["delay_s"] = found.delay
+        figures["delay_true_s"] = DELAY
+        figures["delay_sd_s"] = found.delay_sd
+        figures["delay_bound_s"] = delay_bound
     return figures
 
 

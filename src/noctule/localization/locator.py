@@ -101,7 +101,8 @@ class Locator:
                 self._candidate = None
                 return self._accept(frame.stamp, self._track.follow(frame.stamp, found), found)
             if frame.stamp - self._track.stamp > self.settings.coast:
-                self._track, self._lost_at = None, self._track.pose.position
+                self._lost_at = self._track.pose.position
+                self._track = None
         return self._search(scene, frame.stamp, reason, looked)
 
     def _look(self, scene: Scene, expected: Prediction) -> Registration:
