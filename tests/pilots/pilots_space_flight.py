@@ -1,7 +1,7 @@
 """Flights of the path follower on the simulator's dynamics, without pictures: a state estimate comes in.
 
-The vehicles: "tilt" takes the identified model's inputs themselves (-1 to 1), as the paper's did; "identified"
-is the same behind an onboard velocity loop, "first_order" a lag; both take velocities.
+The vehicles: "tilt" takes the identified model's inputs themselves (-1 to 1), as the paper's did;
+"identified" is the same behind an onboard velocity loop, "first_order" a lag; both take velocities.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ class Flown:
         return float(d.mean()), float(np.quantile(d, 0.95))
 
     def hover_rms(self, stops):
-        """Return the rms distance [m] from the held point, without a stop's first 4 s and 3 s after pushes."""
+        """Return the rms distance [m] from the held point, without a stop's first 4 s and pushes."""
         rows = self.calm() & np.any([(self.t >= a + 4.0) & (self.t < b) for a, b in stops], axis=0)
         d = np.linalg.norm(self.state[rows, :3] - self.wanted[rows, :3], axis=1)
         return float(np.sqrt((d**2).mean()))

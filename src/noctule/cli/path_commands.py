@@ -84,17 +84,21 @@ def teach(
 
 
 def path_show(folder: Path, /, *, out: Path | None = None, json: Flag = False) -> int:
-    """Draw the contact sheet of a path and print what neighbours share.
+    """Draw a path: the contact sheet of a folder and what neighbours share, or the way of a path file.
 
     Parameters
     ----------
     folder
-        The path folder.
+        A folder of key images, or a file of a path in space: waypoints (.csv) or pieces (.toml).
     out
-        The PNG file of the contact sheet; left out, contact-sheet.png in the path folder.
+        The PNG file to draw; left out, contact-sheet.png in the folder, or beside the file with its name.
     json
         End standard output with one JSON object.
     """
+    if folder.suffix.lower() in (".csv", ".toml") and not folder.is_dir():
+        from noctule.cli.space_paths import show_space_path
+
+        return show_space_path(folder, out, json)
     from noctule.cli.paths import show_path
 
     return show_path(folder, out, json)

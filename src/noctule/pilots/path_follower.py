@@ -12,7 +12,7 @@ from enum import StrEnum
 import numpy as np
 from pydantic import Field
 
-from noctule.control.cascade import CascadeSettings, cascade, predict_over_delay
+from noctule.control.cascade import CascadeSettings, cascade, disturbance_after, predict_over_delay
 from noctule.control.paths.heading import TurnReference, heading_at
 from noctule.control.paths.plan import PathPlan, straight
 from noctule.control.paths.progress import Progress, advance, begin
@@ -24,6 +24,7 @@ from noctule.geometry import Array, wrap_angle
 from noctule.messages import Command
 from noctule.settings import Settings
 
+_GAP = 0.3  # [s]; estimates farther apart say nothing of a disturbance
 _MEMORY = 64  # commands remembered: 2 s at 30 Hz, and a delay may be 0.5 s
 
 
@@ -66,6 +67,7 @@ class FollowerReport:
     wanted: Array  # (4,) x, y, z [m], yaw [rad]
     predicted: Array  # (8,) the state at which the command takes effect
     velocity_ref: Array  # (4,) v_r [m/s, rad/s], world
+    disturbance: Array  # (4,) forward, left, up [m/s^2], yaw [rad/s^2], as learnt
     saturated: bool
     holding: bool
     finished: bool
@@ -93,6 +95,9 @@ class PathFollower:
     _last: float = math.nan  # [s], stamp of the last tick
     _settled: float | None = None  # [s] since when the vehicle is at the start
     _gains: tuple[Array, Array, Array] = field(init=False)  # k1, k2, K
+    _bounds: Array = field(init=False)  # (4,) of the disturbance
+    _disturbance: Array = field(default_factory=lambda: np.zeros(4))  # (4,) [m/s^2, rad/s^2], body
+    _before: tuple[float, Array] | None = None  # the last estimate: stamp [s], state (8,)
     _stamps: Array = field(default_factory=lambda: np.empty(0))  # (n,) [s]
     _sent: Array = field(default_factory=lambda: np.empty((0, 4)))  # (n, 4)
 
@@ -100,6 +105,7 @@ class PathFollower:
         """Refuse what cannot be flown."""
         self.settings.cascade.check_delay(self.model.delay)
         self._gains = self.settings.cascade.arrays()
+        self._bounds = np.array(self.settings.cascade.most_disturbance)
         self.limits = np.asarray(self.limits, dtype=np.float64)
         if self.limits.shape != (4,) or not (self.limits > 0.0).all() or not np.isfinite(self.limits).all():
             raise FollowerError(f"follower: limits {self.limits.tolist()}; expected four numbers above 0")
@@ -127,14 +133,18 @@ class PathFollower:
         gains, drags, delay = self.model.input_gains, self.model.drags, self.model.delay
         until = max(stamp, estimate.stamp) + delay
         now = np.ascontiguousarray(estimate.x[:8])
-        x = predict_over_delay(now, estimate.stamp, until, self._stamps, self._sent, gains, drags, delay)
+        self._learn(now, estimate.stamp)
+        push = self._disturbance / gains  # as a command
+        x = predict_over_delay(
+            now, estimate.stamp, until, self._stamps, self._sent, push, gains, drags, delay
+        )
         dt = 0.0 if math.isnan(self._last) else max(0.0, stamp - self._last)
         self._last = stamp
         leg, progress = self._leg_of(x, until)
         self._progress, wanted = advance(leg, progress, x, until - self._begun, dt)
         u, free, v_r, _ = cascade(
             x, wanted.pose, wanted.velocity, wanted.motion, wanted.acceleration,
-            *self._gains, gains, drags, self.limits,
+            *self._gains, gains, drags, push, self.limits,
         )  # fmt: skip
         self._remember(stamp, u)
         return Command.from_array(u), self._report(x, wanted.pose, v_r, not np.array_equal(u, free), until)
@@ -189,6 +199,21 @@ class PathFollower:
             self._settled = until
         return self._settled is not None and until - self._settled >= self.settings.settle_s
 
+    def _learn(self, now: Array, stamp: float) -> None:
+        """Compare the state with what was predicted of the last one."""
+        settings, before = self.settings.cascade, self._before
+        if before is not None and 0.0 < stamp - before[0] < _GAP and settings.disturbance_rate > 0.0:
+            gains, drags, delay = self.model.input_gains, self.model.drags, self.model.delay
+            push = self._disturbance / gains
+            expected = predict_over_delay(
+                before[1], before[0], stamp, self._stamps, self._sent, push, gains, drags, delay
+            )
+            self._disturbance = disturbance_after(
+                self._disturbance, expected, now, settings.disturbance_rate, self._bounds
+            )
+        if before is None or stamp > before[0]:
+            self._before = (stamp, now)
+
     def _remember(self, stamp: float, u: Array) -> None:
         self._stamps = np.append(self._stamps[-_MEMORY:], stamp)
         self._sent = np.vstack([self._sent[-_MEMORY:], u])
@@ -206,6 +231,7 @@ class PathFollower:
             wanted=pose,
             predicted=x,
             velocity_ref=v_r,
+            disturbance=self._disturbance,
             saturated=saturated,
             holding=progress.holding,
             finished=self.finished,

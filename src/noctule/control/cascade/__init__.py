@@ -1,5 +1,6 @@
 """The cascade of a kinematic law and a dynamic compensator, with the delay of commands predicted away."""
 
+from noctule.control.cascade.disturbance import disturbance_after
 from noctule.control.cascade.law import cascade, compensator, kinematic_law, saturated
 from noctule.control.cascade.prediction import moved, predict_over_delay
 from noctule.control.cascade.settings import CascadeSettings, DelayTooLongError
@@ -9,6 +10,7 @@ __all__ = [
     "DelayTooLongError",
     "cascade",
     "compensator",
+    "disturbance_after",
     "kinematic_law",
     "moved",
     "predict_over_delay",

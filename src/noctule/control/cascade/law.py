@@ -86,9 +86,13 @@ def cascade(
     K: Array,
     gains: Array,
     drags: Array,
+    push: Array,
     limits: Array,
 ) -> tuple[Array, Array, Array, Array]:
-    """Return (the command, the command before its limits, v_r, the error), (4,) each: both laws in a row."""
+    """Return (the command, the command before its limits, v_r, the error), (4,) each: both laws in a row.
+
+    `push` (4,) is a disturbance, as the command that would have the same effect; it is taken out.
+    """
     v_r, rate, error = kinematic_law(x, pose, velocity, motion, acceleration, k1, k2)
-    u = compensator(x, v_r, rate, K, gains, drags)
+    u = compensator(x, v_r, rate, K, gains, drags) - push
     return saturated(u, limits), u, v_r, error

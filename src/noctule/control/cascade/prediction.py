@@ -64,6 +64,7 @@ def predict_over_delay(
     until: float,
     stamps: Array,
     commands: Array,
+    push: Array,
     gains: Array,
     drags: Array,
     delay: float,
@@ -72,17 +73,17 @@ def predict_over_delay(
 
     `x` is x, y, z [m], yaw [rad] and their rates in the world. `commands` (n, 4) were really sent at `stamps`
     (n,) [s], in order, and each is in force from `delay` [s] after it was sent until the next one is; before
-    the first it is zero. `gains` and `drags` (4,) are the model's, in units of the commands.
+    the first it is zero. `push` (4,) is a constant disturbance, as a command. `gains` and `drags` (4,) are
+    the model's, in units of the commands.
     """
     now, k = stamp, int(np.searchsorted(stamps, stamp - delay + _SOON, side="right")) - 1
     state = x.copy()
-    nothing = np.zeros(4)
     while now < until - _SOON:
         end = until
         if k + 1 < stamps.size:
             end = min(end, max(stamps[k + 1] + delay, now))
         if end > now:
-            state = moved(state, end - now, commands[k] if k >= 0 else nothing, gains, drags)
+            state = moved(state, end - now, commands[k] + push if k >= 0 else push, gains, drags)
         now = end
         k = min(k + 1, stamps.size - 1)
     return state

@@ -25,6 +25,12 @@ class CascadeSettings(Settings):
     k1: Four = Field((1.5, 1.5, 1.0, 2.0), description="most that an error adds to the speed [m/s, rad/s]")
     k2: Four = Field((2.5, 2.5, 2.5, 2.0), description="how steeply it rises with the error [1/m, 1/rad]")
     K: Four = Field((8.0, 8.0, 7.0, 8.0), description="with which errors of the velocity fall [1/s]")
+    disturbance_rate: float = Field(
+        0.0, ge=0.0, le=10.0, description="with which a constant disturbance is learnt; 0: as published [1/s]"
+    )
+    most_disturbance: Four = Field(
+        (1.0, 1.0, 1.0, 1.0), description="taken for one: forward, left, up [m/s^2], yaw [rad/s^2]"
+    )
     longest_delay_s: float = Field(
         0.3, ge=0.0, le=2.0, description="from a command to its effect; refused beyond [s]"
     )
@@ -34,8 +40,8 @@ class CascadeSettings(Settings):
         if delay > self.longest_delay_s:
             raise DelayTooLongError(
                 f"vehicle: its commands take effect after {delay:.2f} s, the cascade was shown to be stable "
-                f"up to {self.longest_delay_s:.2f} s; mend the link, or lower K and raise longest_delay_s after "
-                "trying it in simulation"
+                f"up to {self.longest_delay_s:.2f} s; mend the link, or lower K and raise longest_delay_s "
+                "after trying it in simulation"
             )
 
     def arrays(self) -> tuple[Array, Array, Array]:

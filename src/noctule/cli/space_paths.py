@@ -1,0 +1,69 @@
+"""`noctule path show` on a path file: what is flown, in words and as a figure."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from noctule.cli.show import as_json
+
+if TYPE_CHECKING:
+    from noctule.control.paths import PathPlan
+
+
+def show_space_path(file: Path, out: Path | None, json: bool) -> int:
+    """Draw a path file and print its figures; 0 when it can be flown."""
+    from noctule.flight.space_path_file import read_space_path
+    from noctule.reports.space_path_figure import write_space_path_figure
+
+    plan = read_space_path(file)
+    picture = write_space_path_figure(plan, file.name, out or file.with_suffix(".png"))
+    figures = figures_of(plan)
+    if json:
+        print(as_json({"path": file, **figures, "figure": picture}))
+    else:
+        print(f"path {file}: {in_words(figures)}\nfigure: {picture}")
+    return 0
+
+
+def figures_of(plan: PathPlan) -> dict[str, Any]:
+    """Return length, speeds, curvature, heights and stops of a plan."""
+    import numpy as np
+
+    path, speeds = plan.path, plan.profile.v
+    bend = np.linalg.norm(path.curvature, axis=1)
+    at = int(bend.argmax())
+    heights = path.position[:, 2]
+    steps, means = np.diff(path.s), 0.5 * (speeds[:-1] + speeds[1:])
+    return {
+        "length_m": path.length,
+        "closed": path.closed,
+        "laps": plan.laps,
+        "lap_s": float((steps / means).sum()),
+        "speed_mps": [float(speeds.min()), float(speeds.max())],
+        "height_m": [float(heights.min()), float(heights.max())],
+        "smallest_radius_m": 1.0 / float(bend[at]) if bend[at] > 1e-9 else math.inf,
+        "smallest_radius_at_m": float(path.s[at]),
+        "stops": len(plan.placed) + len(plan.timed),
+    }
+
+
+def in_words(figures: dict[str, Any]) -> str:
+    """Return the figures as one line."""
+    slow, fast = figures["speed_mps"]
+    low, high = figures["height_m"]
+    laps = figures["laps"]
+    kind = "one way"
+    if figures["closed"]:
+        kind = "closed, without end" if laps is None else f"closed, {laps} lap{'s' if laps > 1 else ''}"
+    words = [
+        f"{figures['length_m']:.2f} m ({kind})",
+        f"{slow:.2f} to {fast:.2f} m/s" if fast - slow > 0.005 else f"{fast:.2f} m/s",
+        f"height {low:.2f} to {high:.2f} m",
+    ]
+    if math.isfinite(figures["smallest_radius_m"]):
+        radius, at = figures["smallest_radius_m"], figures["smallest_radius_at_m"]
+        words.append(f"smallest radius {radius:.2f} m at s = {at:.2f} m")
+    words.append(f"{figures['stops']} stop{'' if figures['stops'] == 1 else 's'}")
+    return ", ".join(words)
