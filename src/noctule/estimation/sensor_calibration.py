@@ -8,18 +8,16 @@ drift over the flight beside them; what neighbours in time differ by is noise, w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noctule.errors import NoctuleError
 from noctule.estimation.measurements import NavdataNoise
 from noctule.estimation.reference import Reference
+from noctule.estimation.reports import Reports
 from noctule.estimation.sensors import HeadingCorrection, OnboardSensors, RoomSensor, harmonics
 from noctule.geometry import Array, wrap_angle
-from noctule.messages import HeadingMeasurement, PoseMeasurement, VehicleState
 
 ORDER = 5  # harmonics of the heading: ten headings of Table 3 bear no more
 SHORTEST = 30.0  # [s]
@@ -31,51 +29,6 @@ _BLOCK = 2.0  # [s], over which noise averages out and what walks does not
 
 class SensorFlightError(NoctuleError):
     """A flight that a sensor cannot be calibrated from."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reports:
-    """What a sensor said; None where it does not say."""
-
-    stamps: Array  # (n,) [s], ascending
-    yaw: Array | None = None  # (n,) [rad]
-    v_body: Array | None = None  # (n, 3) [m/s], levelled heading frame
-    position: Array | None = None  # (n, 3) [m], world
-    height: Array | None = None  # (n,) [m]
-
-    @classmethod
-    def of_states(cls, states: Sequence[VehicleState]) -> Reports:
-        """Return what a vehicle reported, each report once; what not every report says is left out."""
-        by_stamp = {state.stamp: state for state in states}
-        kept = [by_stamp[stamp] for stamp in sorted(by_stamp)]
-
-        def column(values: Sequence[object], shape: tuple[int, ...]) -> Array | None:
-            if not values or any(value is None for value in values):
-                return None
-            return np.array(values, dtype=np.float64).reshape(shape)
-
-        return cls(
-            np.array([state.stamp for state in kept]),
-            column([state.yaw for state in kept], (-1,)),
-            column([state.v_body for state in kept], (-1, 3)),
-            None,
-            column([state.height for state in kept], (-1,)),
-        )
-
-    @classmethod
-    def of_poses(cls, poses: Sequence[PoseMeasurement]) -> Reports:
-        """Return where a sensor in the room saw the vehicle."""
-        return cls(
-            np.array([pose.stamp for pose in poses]),
-            np.array([pose.yaw for pose in poses]),
-            None,
-            np.array([pose.position for pose in poses]).reshape(-1, 3),
-        )
-
-    @classmethod
-    def of_headings(cls, headings: Sequence[HeadingMeasurement]) -> Reports:
-        """Return how a sensor in the room saw the vehicle turned."""
-        return cls(np.array([one.stamp for one in headings]), np.array([one.yaw for one in headings]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,14 +126,13 @@ def heading_errors(name: str, stamps: Array, said: Array, reference: Reference) 
     A line over time is fitted beside them and left in: a drift of this flight is not the next one's.
     """
     true = reference.yaw_at(stamps)
-    before = _wrapped(said - true)
+    before = np.array([wrap_angle(angle) for angle in (said - true).tolist()])
     _check_headings(name, true)
-    basis = harmonics(said, ORDER)
-    middle = stamps - stamps.mean()
-    coefficients, *_ = np.linalg.lstsq(np.column_stack([basis, middle]), before, rcond=None)
+    basis = _basis(said, stamps)
+    coefficients, *_ = np.linalg.lstsq(basis, before, rcond=None)
     constant, *rest = coefficients[:-1].tolist()
     correction = HeadingCorrection(constant=constant, cosines=tuple(rest[:ORDER]), sines=tuple(rest[ORDER:]))
-    after = before - basis @ coefficients[:-1]
+    after = before - basis[:, :-1] @ coefficients[:-1]
     noise = _noise(after)
     return HeadingErrors(stamps, true, before, after, correction, noise, _walk(stamps, after, noise))
 
@@ -200,7 +152,7 @@ def heading_table(errors: HeadingErrors, sectors: int = 10) -> list[Sector]:
 def _aligned(name: str, reports: Reports, reference: Reference) -> tuple[Reports, float]:
     """Return the reports that the reference covers at any delay, and the delay with the least left over."""
     safe = reference.covers(reports.stamps - _EARLIEST) & reference.covers(reports.stamps - _LATEST)
-    kept = _part(reports, safe)
+    kept = reports.part(safe)
     seconds = float(kept.stamps[-1] - kept.stamps[0]) if kept.stamps.size > 1 else 0.0
     if seconds < SHORTEST:
         raise SensorFlightError(
@@ -208,8 +160,11 @@ def _aligned(name: str, reports: Reports, reference: Reference) -> tuple[Reports
             "fly longer, in sight"
         )
     _check_headings(name, reference.yaw_at(kept.stamps))
+    kept = kept.faced(reference, 2.0 * math.pi)
     delays = np.arange(_EARLIEST, _LATEST + 1e-9, _DELAY_STEP)
-    costs = np.array([_left_over(kept, reference, float(delay)) for delay in delays])
+    assert kept.yaw is not None
+    basis, _ = np.linalg.qr(_basis(kept.yaw, kept.stamps))
+    costs = np.array([_left_over(kept, reference, float(delay), basis) for delay in delays])
     k = int(costs.argmin())
     if k in (0, delays.size - 1):
         raise SensorFlightError(
@@ -221,19 +176,26 @@ def _aligned(name: str, reports: Reports, reference: Reference) -> tuple[Reports
     return kept, float(delays[k] + shift * _DELAY_STEP)
 
 
-def _left_over(reports: Reports, reference: Reference, delay: float) -> float:
-    """Return minus twice the log-likelihood of a delay [s], the sensor's spreads unknown."""
+def _left_over(reports: Reports, reference: Reference, delay: float, basis: Array) -> float:
+    """Return minus twice the log-likelihood of a delay [s], the sensor's spreads unknown.
+
+    `basis` (n, m) is that of `_basis`, orthonormal.
+    """
     t = reports.stamps - delay
     left: list[Array] = []
     if reports.yaw is not None:
-        off = _wrapped(reports.yaw - reference.yaw_at(t))
-        basis = np.column_stack([harmonics(reports.yaw, ORDER), t - t.mean()])
-        left.append(off - basis @ np.linalg.lstsq(basis, off, rcond=None)[0])
+        off = reports.yaw - reference.yaw_at(t)
+        left.append(off - basis @ (basis.T @ off))
     if reports.v_body is not None and reference.v_world is not None:
         left.extend((reports.v_body - reference.v_heading_at(t)).T)
     if reports.position is not None and reference.position is not None:
         left.extend((reports.position - reference.position_at(t)).T)
     return sum(t.size * math.log(max(float(off.var()), 1e-12)) for off in left)
+
+
+def _basis(said: Array, stamps: Array) -> Array:
+    """Return the harmonics of the headings `said`, and a line over time, (n, 2 + 2 ORDER)."""
+    return np.column_stack([harmonics(said, ORDER), stamps - stamps.mean()])
 
 
 def _check_headings(name: str, yaw: Array) -> None:
@@ -247,17 +209,6 @@ def _check_headings(name: str, yaw: Array) -> None:
             f"{name}: headings of {said}{more} deg are missing ({missing.size} of {SECTORS} sectors), "
             "expected all; turn the drone through them"
         )
-
-
-def _part(reports: Reports, keep: NDArray[np.bool_]) -> Reports:
-    cut: Callable[[Array | None], Array | None] = lambda a: None if a is None else a[keep]  # noqa: E731
-    return Reports(
-        reports.stamps[keep],
-        cut(reports.yaw),
-        cut(reports.v_body),
-        cut(reports.position),
-        cut(reports.height),
-    )
 
 
 def _noise(off: Array) -> float:
@@ -274,10 +225,6 @@ def _walk(stamps: Array, off: Array, noise: float) -> float:
     steps = np.diff(means)
     spread = float(np.mean(steps**2)) - 2.0 * noise**2 * float(np.mean(1.0 / counts[full]))
     return math.sqrt(max(0.0, 1.5 * spread / _BLOCK))
-
-
-def _wrapped(angles: Array) -> Array:
-    return np.array([wrap_angle(angle) for angle in angles.tolist()])
 
 
 def _floor(value: float, least: float) -> float:

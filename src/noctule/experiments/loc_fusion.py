@@ -10,14 +10,15 @@ the heading well, two more networks lose it for 5 of every 20 s: there one sees 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from noctule.estimation.sensor_calibration import Reports, calibrate_onboard
+from noctule.estimation.reports import Reports
+from noctule.estimation.sensor_calibration import calibrate_onboard
 from noctule.estimation.sensors import Sensors
 from noctule.experiments.ceiling import RATE, TaughtCamera, teach_camera
 from noctule.experiments.fusing import Fusion
@@ -85,7 +86,7 @@ class Sensed:
 
     @property
     def poses(self) -> list[PoseMeasurement]:
-        """Where the depth camera saw the vehicle."""
+        """Where the depth camera saw the vehicle, its half turn as the fusion chose it."""
         return [one.measurement for one in self.located if one.measurement is not None]
 
 
@@ -162,9 +163,11 @@ def sense(
         else:
             told = tuple(seeing.values()) if lost else fusions
             located, heading = camera.look(what, fused)
-            found.located.append(located)
-            if located.measurement is not None:
+            if located.measurement is None:
+                found.located.append(located)
+            else:
                 pose = fused.faced(located.measurement)
+                found.located.append(replace(located, measurement=pose))
                 found.turned += abs(wrap_angle(pose.yaw - located.measurement.yaw)) > 1.0
                 judge_pose(found.sources["depth"], flight.at(what.stamp), pose)
                 for fusion in told:

@@ -10,9 +10,9 @@ import numpy as np
 
 from noctule.errors import NoctuleError
 from noctule.estimation.reference import Reference, with_velocities
+from noctule.estimation.reports import Reports
 from noctule.estimation.sensor_calibration import (
     HeadingErrors,
-    Reports,
     calibrate_onboard,
     calibrate_room,
 )
@@ -71,7 +71,7 @@ def calibrate_sensors(
         onboard, headings["onboard"] = calibrate_onboard(Reports.of_states(states), reference)
         found = found.model_copy(update={"onboard": onboard})
     if len(log.poses) >= _FEWEST:
-        reports = Reports.of_poses(log.poses)
+        reports = Reports.of_poses(log.poses).faced(reference)
         if kind == "markers":  # their positions are the reference's: no delay is to be seen in them
             reports = replace(reports, position=None)
         depth, headings["depth"] = calibrate_room("depth", reports, reference)
