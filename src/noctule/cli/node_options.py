@@ -75,14 +75,16 @@ class Prepared:
     member: Member
     endpoints: Endpoints
     begin: float  # [s], shared clock
+    given: float | None  # [s], the beginning that was asked for
     from_: float | None
     drill: Drill | None
 
     def schedule(self, first: float) -> Schedule:
-        """Return when a recording is played whose first stamp is `first` [s]."""
+        """Return when a recording is played whose first stamp is `first` [s]; asked for once it is read."""
         from noctule.flight.network.pacing import Schedule
 
-        return Schedule(self.begin, first if self.from_ is None else self.from_)
+        begin = time.time() if self.given is None else self.given
+        return Schedule(begin, first if self.from_ is None else self.from_)
 
 
 def prepare(role: str, options: NodeOptions) -> Prepared:
@@ -111,7 +113,8 @@ def prepare(role: str, options: NodeOptions) -> Prepared:
     if options.drill is not None:
         drill = made_up(options.drill, options.drill_seconds, begin)
         own = Member(name, drill.start, drill.model, drill.settings)
-        return Prepared(name, role, own, addresses, begin, None, drill)
+        return Prepared(name, role, own, addresses, begin, begin, None, drill)
     prior = Prior(position=_POSITION_SD, yaw=_YAW_SD)
     start = start_at(now, np.array(_START), 0.0, prior)
-    return Prepared(name, role, Member(name, start, model), addresses, begin, options.from_, None)
+    own = Member(name, start, model)
+    return Prepared(name, role, own, addresses, begin, options.begin, options.from_, None)

@@ -14,7 +14,7 @@ from noctule.cli.options import Flag, Seed
 
 if TYPE_CHECKING:
     from noctule.flight.depth_sources import DepthSource
-    from noctule.flight.network.process import Reading
+    from noctule.flight.network.process import Nothing, Reading
     from noctule.localization.site import SiteCamera
     from noctule.messages import DepthFrame
 
@@ -184,7 +184,7 @@ def _one_of(role: str, options: dict[str, object], node: NodeOptions) -> str:
 
 def _timed(
     source: DepthSource, camera: SiteCamera, ready: Prepared, options: SourceOptions, stop: threading.Event
-) -> Iterable[DepthFrame]:
+) -> Iterable[DepthFrame | Nothing]:
     from noctule.flight.network.pacing import live_frames, paced_frames
     from noctule.localization.site import straightened
 

@@ -135,7 +135,8 @@ class Member:
         """Take over what another node knows, if that is more."""
         own = self.node.filter
         stamps = [snapshot.at, snapshot.key.stamp, *(event.stamp for event in snapshot.events)]
-        if snapshot.x.size != own.estimate().x.size or max(stamps) > now + own.settings.ahead:
+        latest = max(now, own.newest) + own.settings.ahead  # its own beginning may still be to come
+        if snapshot.x.size != own.estimate().x.size or max(stamps) > latest:
             raise MessageError(
                 f"snapshot: {snapshot.x.size} numbers until {max(stamps) - now:+.3f} s from now; expected "
                 f"{own.estimate().x.size} and none from the future: do the clocks of all machines agree?"

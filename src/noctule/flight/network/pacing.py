@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TypeVar
 
+from noctule.flight.network.process import Nothing
 from noctule.messages import DepthFrame
 
 Item = TypeVar("Item")
@@ -35,13 +36,16 @@ def paced(
     due: Iterable[tuple[float, Iterable[Item]]],
     stop: threading.Event,
     clock: Callable[[], float] = time.time,
-) -> Iterator[Item]:
-    """Yield the items of each entry when its time [s] has come; those too late are left out."""
+) -> Iterator[Item | Nothing]:
+    """Yield the items of each entry when its time [s] has come; for those too late, that they were."""
     for at, items in due:
         if stop.wait(max(0.0, at - clock())):
             return
-        if clock() - at <= TOO_LATE:
+        late = clock() - at
+        if late <= TOO_LATE:
             yield from items
+        else:
+            yield Nothing(f"{late:.1f} s late, left out")
 
 
 def paced_frames(
@@ -49,7 +53,7 @@ def paced_frames(
     schedule: Callable[[float], Schedule],
     stop: threading.Event,
     clock: Callable[[], float] = time.time,
-) -> Iterator[DepthFrame]:
+) -> Iterator[DepthFrame | Nothing]:
     """Yield recorded frames when they are due, their stamps on the shared clock.
 
     `schedule` is asked once, with the first stamp [s].
@@ -57,10 +61,10 @@ def paced_frames(
     frames = iter(frames)
     head = next(frames, None)
     if head is None:
-        return iter(())
+        return
     when = schedule(head.stamp)
     shared = (replace(frame, stamp=when.shared(frame.stamp)) for frame in chain([head], frames))
-    return paced(((frame.stamp, (frame,)) for frame in shared), stop, clock)
+    yield from paced(((frame.stamp, (frame,)) for frame in shared), stop, clock)
 
 
 def live_frames(frames: Iterable[DepthFrame], stop: threading.Event) -> Iterator[DepthFrame]:

@@ -89,9 +89,12 @@ def _simulated(
             yield schedule.shared(step / _STEPS), [_report(own, _NOISE, step, name)]
 
 
-def located(frames: Iterable[DepthFrame], locator: Locator, name: str) -> Iterator[Reading]:
+def located(frames: Iterable[DepthFrame | Nothing], locator: Locator, name: str) -> Iterator[Reading]:
     """Yield where a depth camera sees the vehicle in each frame, or why it does not."""
     for k, frame in enumerate(frames):
+        if isinstance(frame, Nothing):
+            yield frame
+            continue
         found = locator.step(frame)
         if found.measurement is None:
             yield Nothing(found.reason)
@@ -100,11 +103,14 @@ def located(frames: Iterable[DepthFrame], locator: Locator, name: str) -> Iterat
 
 
 def marked(
-    frames: Iterable[DepthFrame], background: Background, camera: FixedCamera, name: str
+    frames: Iterable[DepthFrame | Nothing], background: Background, camera: FixedCamera, name: str
 ) -> Iterator[Reading]:
     """Yield the heading that colour markers tell in each frame, or why there is none."""
     markers = MarkerHeading()
     for k, frame in enumerate(frames):
+        if isinstance(frame, Nothing):
+            yield frame
+            continue
         if frame.colour is None:
             yield Nothing("the camera gives no colour")
             continue
