@@ -189,15 +189,17 @@ def joined(pieces: Sequence[SpacePath], closed: bool = False) -> SpacePath:
                     f"({x:.3f}, {y:.3f}, {z:.3f}); let it begin there",
                     n,
                 )
-    s, rest = [pieces[0].s], [pieces[0]]
+    s, columns = [pieces[0].s], [[getattr(pieces[0], name)] for name in _ARRAYS]
     for piece in pieces[1:]:
-        smooth = turn(rest[-1].tangent[-1], piece.tangent[0]) <= SAME_DIRECTION
-        # Where the direction goes on, the first node of the next piece is the last one of this.
-        cut = 1 if smooth else 0
+        smooth = turn(columns[1][-1][-1], piece.tangent[0]) <= SAME_DIRECTION
+        cut = 1 if smooth else 0  # where the direction goes on, both have the same node
+        if smooth and np.linalg.norm(piece.curvature[0]) > np.linalg.norm(columns[2][-1][-1]):
+            columns[2][-1] = np.vstack([columns[2][-1][:-1], piece.curvature[:1]])
         s.append(s[-1][-1] + piece.s[cut:])
-        rest.append(SpacePath(piece.s[cut:], *(getattr(piece, n)[cut:] for n in _ARRAYS)) if cut else piece)
-    arrays = [np.concatenate([getattr(piece, name) for piece in rest]) for name in _ARRAYS]
-    return SpacePath(np.concatenate(s), arrays[0], arrays[1], arrays[2], closed)
+        for column, name in zip(columns, _ARRAYS, strict=True):
+            column.append(getattr(piece, name)[cut:])
+    position, tangent, curvature = (np.concatenate(column) for column in columns)
+    return SpacePath(np.concatenate(s), position, tangent, curvature, closed)
 
 
 _ARRAYS = ("position", "tangent", "curvature")

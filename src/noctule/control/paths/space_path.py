@@ -153,7 +153,10 @@ def of_curve(curve: Curve, begin: float, end: float, pieces: int, closed: bool =
     p, d1, d2 = curve(u)
     rate = np.linalg.norm(d1, axis=1, keepdims=True)
     if not (rate > 1e-6 * total / (end - begin)).all():
-        raise PathShapeError("path: the curve stands still somewhere; are two points of it the same?")
+        x, y, z = p[int(rate.argmin())]
+        raise PathShapeError(
+            f"path: the curve turns back on itself at ({x:.2f}, {y:.2f}, {z:.2f}); lead it around"
+        )
     t = d1 / rate
     bend = (d2 - (d2 * t).sum(axis=1, keepdims=True) * t) / rate**2
     return SpacePath(s, p, t, bend, closed)

@@ -77,7 +77,7 @@ def speed_profile(
         bounds.append((turning, "the turn of the heading", PathSpeedError))
     v = asked
     for bound, what, error in bounds:
-        i = int(np.argmin(bound))
+        i = _first_least(bound)
         if bound[i] < settings.slowest:
             radius = f", a radius of {1.0 / bend[i]:.3f} m" if error is PathCurvatureError else ""
             raise error(
@@ -85,13 +85,18 @@ def speed_profile(
                 f"less than the slowest of {settings.slowest:g} m/s; make it wider or allow more there"
             )
         if not settings.slow_down and (asked > bound * (1.0 + 1e-9)).any():
-            i = int(np.argmin(bound / asked))
+            i = _first_least(bound / asked)
             raise PathSpeedError(
                 f"path: {what} at {path.place(float(path.s[i]))} allows {bound[i]:.2f} m/s of the "
                 f"{asked[i]:.2f} m/s asked; fly slower, make it wider, or let it slow down"
             )
         v = np.minimum(v, bound)
     return SpeedProfile(path.s, _reachable(v, path, settings.acceleration))
+
+
+def _first_least(values: Array) -> int:
+    """Return the first of the least values: along an arc all are equal but for their rounding."""
+    return int(np.flatnonzero(values <= float(values.min()) * (1.0 + 1e-6))[0])
 
 
 def _check_limits(path: SpacePath, asked: Array, limits: Limits) -> None:
