@@ -85,12 +85,12 @@ def status_line(now: float, member: Member, begin: float) -> str:
         text += "not begun"
     else:
         known = member.node.estimate(now)
-        x, y, z = (float(v) for v in known.position)
+        x, y, z, heading = (v + 0.0 for v in np.round([*known.position, math.degrees(known.yaw)], 3).tolist())
         sd = float(np.sqrt(np.trace(known.P[:3, :3])))
         near = f"{1e3 * sd:.0f} mm" if sd < 1.0 else f"{sd:.1f} m"
         text += (
             f"x {x:+.3f}  y {y:+.3f}  z {z:.3f} m +- {near}  heading "
-            f"{math.degrees(known.yaw):+6.1f} +- {min(180.0, math.degrees(float(known.sd[3]))):.1f} deg"
+            f"{heading:+6.1f} +- {min(180.0, math.degrees(float(known.sd[3]))):.1f} deg"
         )
     return f"{text}  | {roll_text(member, begin)}"
 

@@ -188,6 +188,7 @@ def _configuration(zenoh: Any, endpoints: Endpoints) -> Any:
         "listen/endpoints": endpoints.listen,
         "connect/endpoints": endpoints.connect,
         "connect/timeout_ms": 0,
+        "open/return_conditions": {"connect_scouted": False, "declares": False},
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
         "transport/link/tx/lease": LEASE_MS,
