@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -48,10 +49,11 @@ def flight_figure(headings: Mapping[str, HeadingErrors]) -> Figure:
     end = max(float(errors.stamps[-1]) for errors in headings.values())
     figure, axes = time_panels([2.2] + [1.6] * len(headings), (begin, end))
     shown = next(iter(headings.values()))
-    axes[0].plot(*_turning(shown.stamps, shown.reference), color=INK, lw=1.2, label="reference")
     for name, errors in headings.items():
         said = errors.reference + errors.before
         axes[0].plot(*_turning(errors.stamps, said), color=_COLOURS[name], lw=0.8, alpha=0.8, label=name)
+    dashes: Any = (0, (4, 3))
+    axes[0].plot(*_turning(shown.stamps, shown.reference), color=INK, lw=1.1, ls=dashes, label="reference")
     axes[0].set_ylabel("heading\n[deg]")
     axes[0].set_ylim(0.0, 360.0)
     axes[0].set_yticks(range(0, 361, 90))

@@ -6,7 +6,7 @@ import numpy as np
 
 from noctule.camera import FixedCamera
 from noctule.geometry import Array
-from noctule.localization.detection.splinters import join_splinters
+from noctule.localization.detection.splinters import join_splinters, relabel
 from noctule.localization.heading.method import HeadingMethod
 from noctule.localization.heading.pose import blob_position
 from noctule.localization.heading.sighting import Sighting
@@ -31,11 +31,12 @@ def heading_near(
     `predicted` [rad] chooses the turn of methods that do not know it.
     """
     labels, blobs = find_blobs(frame.depth, background, camera.intrinsics, min_area=MIN_AREA)
-    joined, _ = join_splinters(blobs, camera)
+    joined, parts = join_splinters(blobs, camera)
     if not joined:
         return None
     away = [float(np.linalg.norm(blob_position(blob, camera) - position)) for blob in joined]
     nearest = int(np.argmin(away))
     if away[nearest] > FARTHEST:
         return None
-    return method.measure(Sighting(frame, labels, joined[nearest], camera), predicted)
+    whole = relabel(labels, blobs, parts)
+    return method.measure(Sighting(frame, whole, joined[nearest], camera), predicted)
