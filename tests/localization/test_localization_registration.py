@@ -17,7 +17,7 @@ from localization_flights import (
 from localization_rays import BOX, PERSON, TRAY, Thing, cast
 
 from noctule.geometry import Pose, tilt, wrap_angle
-from noctule.localization import fitting
+from noctule.localization import fitting, placing
 from noctule.localization.evidence import Grid, gather
 from noctule.localization.registration import ALL, acquire, align, register
 from noctule.localization.template import Template, TemplateError, TemplateSums, build_template, finish
@@ -275,7 +275,7 @@ def test_equations_without_an_answer_are_refused():
 @given(ANGLES, st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.05, 0.05))
 def test_a_fit_of_nothing_leaves_the_pose(yaw, roll, pitch, x):
     pose = Pose(np.array([x, 1.0, 2.0]), yaw, roll, pitch)
-    got = fitting.moved(pose.R_world_body, pose.position, np.zeros(3), np.zeros(3))
+    got = placing.moved(pose.R_world_body, pose.position, np.zeros(3), np.zeros(3))
     np.testing.assert_allclose(got, [x, 1.0, 2.0, wrap_angle(yaw), roll, pitch], atol=1e-9)
 
 
@@ -284,7 +284,7 @@ def test_a_surface_that_rises_to_the_nose_and_left_turns_the_body_so(yaw, roll, 
     flat = Pose(np.zeros(3), 0.0)
     normal = tilt(roll, pitch)[:, 2]
     slopes = np.array([0.01, -normal[0] / normal[2], -normal[1] / normal[2]])
-    got = fitting.moved(flat.R_world_body, flat.position, np.array([0.02, 0.0, yaw]), slopes)
+    got = placing.moved(flat.R_world_body, flat.position, np.array([0.02, 0.0, yaw]), slopes)
     turned = Pose(np.zeros(3), got[3], got[4], got[5]).R_world_body[:, 2]
     c, s = math.cos(yaw), math.sin(yaw)
     expected = np.array([c * normal[0] - s * normal[1], s * normal[0] + c * normal[1], normal[2]])

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.geometry import Array
-from noctule.localization.evidence import Map
+from noctule.localization.gathering import Map
 from noctule.vision.homography.compiled import compiled
 
 FLOOR = 0.03  # added to the variance of a cell's share: what a template of means cannot know
+LEAST = 0.2  # of a cell that is drone, so that its height says something
 _FAR = 0.025  # [m], after so large a move the cells that matter are listed again
 
 
@@ -142,24 +143,22 @@ def refine(
 
 
 @compiled
-def fit_surface(
-    drone: Map, height: Map, solid: Map, surface: Map, cell: float, pose: Array, hold: float, out: Array
-) -> float:
-    """Fit the seen surface to the template's, and write height offset [m] and its slopes to `out` (3,).
+def surface_cells(
+    drone: Map, height: Map, solid: Map, surface: Map, cell: float, pose: Array, out: Array
+) -> int:
+    """Write (x, y in the template [m], height against the template's [m], weight) of cells with a surface.
 
-    Slopes are along the template's x and y; `pose` (3,) is x, y [m], heading [rad] of the template in the
-    evidence; `solid` weights the template's cells, 0 where it has no surface; `hold` is the information that
-    holds the slopes at zero. Returns the cells used.
+    `pose` (3,) is x, y [m], heading [rad] of the template in the evidence; `solid` weights the template's
+    cells, 0 where it has no surface. Returns how many cells were written to `out` (k, 4).
     """
     n, m = drone.shape[0], solid.shape[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
     inverse = 1.0 / cell
-    cells = np.empty((drone.size, 4))
     count = 0
     for i in range(n):
         x = (i + 0.5 - 0.5 * n) * cell - pose[0]
         for j in range(n):
-            if drone[i, j] < 0.2:
+            if drone[i, j] < LEAST:
                 continue
             y = (j + 0.5 - 0.5 * n) * cell - pose[1]
             qx, qy = c * x + s * y, c * y - s * x
@@ -167,59 +166,50 @@ def fit_surface(
             if fi < 0.0 or fj < 0.0 or fi >= m or fj >= m or solid[int(fi), int(fj)] == 0.0:
                 continue
             a, b = int(fi), int(fj)
-            cells[count, 0], cells[count, 1] = qx, qy
-            cells[count, 2] = height[i, j] / drone[i, j] - surface[a, b]
-            cells[count, 3] = min(drone[i, j], 1.0) * solid[a, b]
+            out[count, 0], out[count, 1] = qx, qy
+            out[count, 2] = height[i, j] / drone[i, j] - surface[a, b]
+            out[count, 3] = min(drone[i, j], 1.0) * solid[a, b]
             count += 1
-    A, g, e = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    return count
+
+
+@compiled
+def fit_surface(cells: Array, hold: float, out: Array) -> float:
+    """Fit a plane through cells (k, 4) as `surface_cells` wrote them; `out` (3,) gets height [m] and slopes.
+
+    Slopes are along the template's x and y; `hold` is the information that holds them at zero. Returns the
+    cells used.
+    """
+    A, g, e = np.empty((3, 3)), np.empty(3), np.empty(3)
     total = 0.0
     # [m], Tukey's biweight, ever narrower: a thing beside the drone is ignored
     for width in (0.1, 0.04, 0.025):
-        A[:, :], g[:], total = 0.0, 0.0, 0.0
-        A[0, 0], A[1, 1], A[2, 2] = 1e-6, hold, hold
-        g[1], g[2] = -hold * out[1], -hold * out[2]
-        for k in range(count):
+        total = 0.0
+        g0, g1, g2 = 0.0, -hold * out[1], -hold * out[2]
+        a00, a01, a02, a11, a12, a22 = 1e-6, 0.0, 0.0, hold, 0.0, hold
+        for k in range(len(cells)):
             qx, qy = cells[k, 0], cells[k, 1]
             r = cells[k, 2] - (out[0] + out[1] * qx + out[2] * qy)
-            u = 1.0 - (r / width) ** 2
-            if u <= 0.0:
-                continue
+            u = max(1.0 - (r / width) ** 2, 0.0)
             w = u * u * cells[k, 3]
+            wx, wy = w * qx, w * qy
             total += w
-            g[0] += w * r
-            g[1] += w * r * qx
-            g[2] += w * r * qy
-            A[0, 0] += w
-            A[0, 1] += w * qx
-            A[0, 2] += w * qy
-            A[1, 1] += w * qx * qx
-            A[1, 2] += w * qx * qy
-            A[2, 2] += w * qy * qy
-        A[1, 0], A[2, 0], A[2, 1] = A[0, 1], A[0, 2], A[1, 2]
+            g0 += w * r
+            g1 += wx * r
+            g2 += wy * r
+            a00 += w
+            a01 += wx
+            a02 += wy
+            a11 += wx * qx
+            a12 += wx * qy
+            a22 += wy * qy
+        g[0], g[1], g[2] = g0, g1, g2
+        A[0, 0], A[1, 1], A[2, 2] = a00, a11, a22
+        A[0, 1] = A[1, 0] = a01
+        A[0, 2] = A[2, 0] = a02
+        A[1, 2] = A[2, 1] = a12
         if total < 10.0 or not solve3(A, g, e):
             break
         for k in range(3):
             out[k] += e[k]
     return total
-
-
-@compiled
-def moved(
-    R: Array, position: Array, at: Array, surface: Array
-) -> tuple[float, float, float, float, float, float]:
-    """Return x, y, z [m], yaw, roll, pitch [rad] of a pose R, position after a fit in its axes.
-
-    `at` (3,) is x, y [m] and heading [rad], `surface` (3,) height [m] and slopes along the turned x and y.
-    """
-    x, y, z = position + R[:, 0] * at[0] + R[:, 1] * at[1] + R[:, 2] * surface[0]
-    c, s = math.cos(at[2]), math.sin(at[2])
-    forward, left = c * R[:, 0] + s * R[:, 1], c * R[:, 1] - s * R[:, 0]
-    # The surface rises by the slopes: forward and left turn up with it.
-    up = R[:, 2]
-    a, b = math.atan(surface[1]), math.atan(surface[2])
-    nose = math.cos(a) * forward + math.sin(a) * up
-    up_a = math.cos(a) * up - math.sin(a) * forward
-    side_z = math.cos(b) * left[2] + math.sin(b) * up_a[2]
-    up_z = math.cos(b) * up_a[2] - math.sin(b) * left[2]
-    pitch = -math.asin(min(1.0, max(-1.0, nose[2])))
-    return x, y, z, math.atan2(nose[1], nose[0]), math.atan2(side_z, up_z), pitch

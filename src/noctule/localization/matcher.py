@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from noctule.geometry import Array
 from noctule.localization import fitting, misfit, scoring
-from noctule.localization.evidence import Grid, Map
+from noctule.localization.evidence import Evidence, Grid, Map
+from noctule.localization.placing import SURFACE_SD
 from noctule.localization.template import Template
 
 BLOCK = 0.04  # [m], side of the blocks of cells of the coarse search, and its step
@@ -20,15 +21,27 @@ MARGIN, WIDE = 0.03, 0.1
 _REACH = 2  # cells around the template's edges that may belong to them
 _STEEP = 0.03  # change of the probability from cell to cell that makes an edge
 _STEPS = 8  # of the refinement at most
+_TURNED_STEPS = 2  # of that of the half turn, which starts where the template says
 TILT_SD = math.radians(3.0)  # how far the tilt may be from the predicted one
-SURFACE_SD = 0.02  # [m], of one cell's height; cells err together, so this is more than their spread
+_HOLD = (SURFACE_SD / TILT_SD) ** 2
 # [m], [1/m], of one cell's height: the shape's part, and the sensor's
 _RELIEF_SD, _RELIEF_STEP = 0.004, 0.0014
 _TELLING, _TELLING_HEIGHT = 0.3, 0.007  # differences of probability and height [m] that tell nose from tail
 _OUTLINE_SHARE = 0.5  # neighbouring cells of an outline err together, more than heights do
 _USUAL_DISTANCE = 2.0  # [m], from the camera, for the evidence that counts as usual
 
-Seen = tuple[Map, Map, Map, Map]
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """How well a template fits at a pose, and the surface that is seen there."""
+
+    score: float  # sum of log-likelihood ratios
+    nominal: float  # what the seen cells would score if the pose were right
+    seen: float  # weight of the seen cells
+    outline: float  # misfit, per cell seen
+    relief: float  # misfit of the surface, per cell
+    cells: float  # used for the surface
+    surface: Array  # (3,) height offset [m] and slopes against the template's
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,15 +51,15 @@ class Matcher:
     template: Template
     grid: Grid  # in which evidence is gathered while tracking
     wide: Grid  # in which it is gathered to search
-    expected: Map  # (n, n), expected log-likelihood ratio of a cell that is seen
+    cells: Map  # (n, n, 8), all that `misfit.assess` needs of a cell
     solid: Map  # (n, n), weight of a cell's height
     edges: NDArray[np.uint8]  # (n, n), 1 near the template's edges
     block: int  # cells along a side of a block
     coarse_drone: Map  # (n, n), log-likelihood ratios, blurred as the blocks are
     coarse_free: Map
     seen: float  # weight of all cells
-    telling: Array  # (k, 4), cells that tell the half turn: i, j, weights of outline and surface
-    telling_quarter: Array  # (k, 4), the same for quarter turns
+    telling: Array  # (k, 6), cells that tell the half turn, as in `misfit.contrast`
+    telling_quarter: Array  # (k, 6), the same for quarter turns
     turned: Array  # (3,) x, y [m], heading [rad] that lay the template, turned around, best over itself
     half_turn: float  # by how much these cells then fit worse
 
@@ -66,7 +79,7 @@ class Matcher:
             template,
             Grid(cell, near, template.grid.plane),
             Grid(cell, wide, template.grid.plane),
-            np.asarray(p * template.log_drone + (1.0 - p) * template.log_free, dtype=np.float32),
+            _cells(template, solid),
             solid,
             np.asarray(edges),
             block,
@@ -79,11 +92,11 @@ class Matcher:
             0.0,
         )
         # Itself, seen in full and without noise.
-        here = np.zeros(3)
-        seen = (p, template.weight, p, np.asarray(p * template.height, dtype=np.float32))
+        seen = np.asarray(p * template.height, dtype=np.float32)
         turned, _ = matcher.refine(p, template.weight, matcher.turned)
-        loss = matcher.contrast(seen, turned, matcher.surface(p, seen[3], turned)[0], _USUAL_DISTANCE)
-        loss -= matcher.contrast(seen, here, here, _USUAL_DISTANCE)
+        shown = (p, template.weight, p, seen)
+        loss = matcher._contrast(shown, turned, matcher._surface(p, seen, turned), _USUAL_DISTANCE)
+        loss -= matcher._contrast(shown, np.zeros(3), np.zeros(3), _USUAL_DISTANCE)
         return replace(matcher, turned=turned, half_turn=loss)
 
     def search(self, share: Map, trust: Map, headings: Array, reach: int) -> tuple[Array, Array]:
@@ -111,58 +124,70 @@ class Matcher:
         )
         return pose, information
 
-    def judge(self, share: Map, trust: Map, pose: Array) -> tuple[float, float, float]:
-        """Return score, score expected of the seen cells, and their weight, of a pose (3,)."""
-        t = self.template
-        return scoring.judge(
-            share, trust, t.log_drone, t.log_free, self.expected, t.weight, t.grid.cell, pose
-        )
-
-    def surface(self, drone: Map, height: Map, pose: Array) -> tuple[Array, float]:
-        """Return height offset [m] and slopes of the surface against the template's, (3,), and cells."""
-        t = self.template
-        out = np.zeros(3)
-        cells = fitting.fit_surface(
-            drone, height, self.solid, t.height, t.grid.cell, pose, (SURFACE_SD / TILT_SD) ** 2, out
-        )
-        return out, cells
-
-    def misfits(
-        self, seen: Seen, pose: Array, surface: Array, distance: float, weight: float
-    ) -> tuple[float, float]:
-        """Return how badly outline and surface of the template fit at a pose (3,), per cell seen.
-
-        `seen` is share, trust, drone and height of the cells, `distance` [m] that from the camera along its
-        axis, `weight` that of the cells seen.
-        """
-        t = self.template
-        outline, relief, cells = misfit.misfit(
-            *seen, t.probability, t.variance, t.weight, self.solid, t.height, t.grid.cell, pose, surface,
-            _relief_sd(distance),
+    def assess(self, seen: Evidence, pose: Array) -> Fit:
+        """Return how well the template fits at a pose (3,)."""
+        surface = np.zeros(3)
+        fit = misfit.assess(
+            seen.share, seen.trust, seen.drone, seen.height, self.cells, self.template.grid.cell, pose, _HOLD,
+            _relief_sd(seen.distance), surface,
         )  # fmt: skip
-        return outline / max(weight, 1.0), relief / max(cells, 1.0)
+        return Fit(*fit, surface)
 
-    def contrast(
-        self, seen: Seen, pose: Array, surface: Array, distance: float, quarters: bool = False
+    def against_half_turn(self, seen: Evidence, pose: Array, surface: Array) -> float:
+        """Return by how much the half turn of a pose (3,) fits worse, over what it would if all were seen."""
+        if self.half_turn <= 0.0:
+            return 0.0
+        t = self.template
+        loss = misfit.half_turn(
+            seen.share, seen.trust, seen.drone, seen.height, t.probability, t.variance, self.edges,
+            self.solid, t.height, self.telling, t.grid.cell, pose, surface, self.turned, _TURNED_STEPS,
+            _HOLD, _relief_sd(seen.distance),
+        )  # fmt: skip
+        return loss / self.half_turn
+
+    def quarter_contrast(self, seen: Evidence, pose: Array) -> float:
+        """Return the misfit at a pose (3,) of the cells that tell it from its quarter turns."""
+        maps = (seen.share, seen.trust, seen.drone, seen.height)
+        surface = self._surface(seen.drone, seen.height, pose)
+        return self._contrast(maps, pose, surface, seen.distance, quarters=True)
+
+    def _surface(self, drone: Map, height: Map, pose: Array) -> Array:
+        t, out, cells = self.template, np.zeros(3), np.empty((drone.size, 4))
+        count = fitting.surface_cells(drone, height, self.solid, t.height, t.grid.cell, pose, cells)
+        fitting.fit_surface(cells[:count], _HOLD, out)
+        return out
+
+    def _contrast(
+        self,
+        maps: tuple[Map, Map, Map, Map],
+        pose: Array,
+        surface: Array,
+        distance: float,
+        quarters: bool = False,
     ) -> float:
-        """Return the misfit of the cells that tell a heading from its half turn, or its quarter turns."""
-        t = self.template
         telling = self.telling_quarter if quarters else self.telling
-        return misfit.contrast(
-            *seen, t.probability, t.variance, t.height, telling, t.grid.cell, pose, surface,
-            _relief_sd(distance),
-        )  # fmt: skip
+        return misfit.contrast(*maps, telling, self.template.grid.cell, pose, surface, _relief_sd(distance))
 
 
 def _relief_sd(distance: float) -> float:
     return math.hypot(_RELIEF_SD, _RELIEF_STEP * distance**2)
 
 
-def _telling(template: Template, solid: Map, quarters: tuple[int, ...]) -> Array:
-    """Return the cells that differ from those some quarter turns away, (k, 4): i, j and two weights.
+def _cells(template: Template, solid: Map) -> Map:
+    t, p = template, template.probability
+    cells = np.zeros((*p.shape, 8), dtype=np.float32)
+    cells[..., misfit.LOG_DRONE], cells[..., misfit.LOG_FREE] = t.log_drone, t.log_free
+    cells[..., misfit.EXPECTED] = p * t.log_drone + (1.0 - p) * t.log_free
+    cells[..., misfit.WEIGHT], cells[..., misfit.PROBABILITY] = t.weight, p
+    cells[..., misfit.CERTAINTY] = t.weight / (t.variance + fitting.FLOOR)
+    cells[..., misfit.SOLID], cells[..., misfit.HEIGHT] = solid, t.height
+    return cells
 
-    Weights are of outline and surface. What hardly differs, like the rims of a hull, differs more from view
-    to view than from nose to tail.
+
+def _telling(template: Template, solid: Map, quarters: tuple[int, ...]) -> Array:
+    """Return the cells that differ from those some quarter turns away, (k, 6) as in `misfit.contrast`.
+
+    What hardly differs, like the rims of a hull, differs more from view to view than from nose to tail.
     """
     p, h = template.probability, template.height
     outline, relief = np.zeros(p.shape, dtype=np.bool_), np.zeros(p.shape, dtype=np.bool_)
@@ -175,6 +200,6 @@ def _telling(template: Template, solid: Map, quarters: tuple[int, ...]) -> Array
     tops = np.logical_or.reduce([np.rot90(relief, k) for k in (0, *quarters)])
     known = np.logical_and.reduce([np.rot90(template.weight, k) > 0.0 for k in (0, *quarters)])
     i, j = np.nonzero((places & known) | tops)
-    return np.column_stack([i, j, _OUTLINE_SHARE * (places & known)[i, j], (solid * tops)[i, j]]).astype(
-        np.float64
-    )
+    sure = _OUTLINE_SHARE * (places & known)[i, j] / (template.variance[i, j] + fitting.FLOOR)
+    x, y = ((k + 0.5 - 0.5 * len(p)) * template.grid.cell for k in (i, j))
+    return np.column_stack([x, y, p[i, j], h[i, j], sure, (solid * tops)[i, j]]).astype(np.float64)

@@ -1,42 +1,47 @@
-"""Compiled measures of how badly a template fits: of all its cells, and of those that tell the half turn."""
+"""Compiled measures of how well a template fits: of all its cells, and of those that tell the half turn."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from noctule.geometry import Array
-from noctule.localization.evidence import Map
-from noctule.localization.fitting import FLOOR
+from noctule.localization.fitting import LEAST, fit_surface, refine, surface_cells
+from noctule.localization.gathering import Map
 from noctule.vision.homography.compiled import compiled
+
+# of a cell's maps, side by side: one place in memory for all that a cell is asked
+LOG_DRONE, LOG_FREE, EXPECTED, WEIGHT, PROBABILITY, CERTAINTY, SOLID, HEIGHT = range(8)
 
 
 @compiled
-def misfit(
+def assess(
     share: Map,
     trust: Map,
     drone: Map,
     height: Map,
-    probability: Map,
-    variance: Map,
-    weight: Map,
-    solid: Map,
-    surface: Map,
+    cells: Map,
     cell: float,
     pose: Array,
-    fitted: Array,
+    hold: float,
     height_sd: float,
-) -> tuple[float, float, float]:
-    """Return how badly outline and surface fit at a pose, and the weight of the surface's cells.
+    surface: Array,
+) -> tuple[float, float, float, float, float, float]:
+    """Fit the surface at a pose (3,) to `surface` (3,), and measure how well all fits there.
 
-    Misfits are half sums of squares over variances; `weight` and `solid` weight the template's cells in the
-    two. `fitted` (3,) is the surface's height offset [m] and slopes, `height_sd` [m] the spread of a cell's
-    height; beyond three of it a cell is something else.
+    `cells` (m, m, 8) are the template's; `hold` and `surface` as in `fit_surface`. Returns the score, what
+    the seen cells would score if the pose were right, their weight, the misfit of the outline and of the
+    surface per cell (half squares over variances; beyond three of `height_sd` [m], the spread of a cell's
+    height, a cell is something else), and the cells used for the surface.
     """
-    n, m = share.shape[0], probability.shape[0]
+    n, m = share.shape[0], cells.shape[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
     inverse = 1.0 / cell
-    outline, relief, total = 0.0, 0.0, 0.0
-    most = (3.0 * height_sd) ** 2
+    tops = np.empty((share.size, 4))
+    count = 0
+    score, nominal, seen, outline = 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         x = (i + 0.5 - 0.5 * n) * cell - pose[0]
         for j in range(n):
@@ -48,14 +53,28 @@ def misfit(
             fi, fj = qx * inverse + 0.5 * m, qy * inverse + 0.5 * m
             if fi < 0.0 or fj < 0.0 or fi >= m or fj >= m:
                 continue
-            a, b = int(fi), int(fj)
-            outline += weight[a, b] * t * (share[i, j] - probability[a, b]) ** 2 / (variance[a, b] + FLOOR)
-            if drone[i, j] > 0.2 and solid[a, b] > 0.0:
-                r = height[i, j] / drone[i, j] - surface[a, b] - (fitted[0] + fitted[1] * qx + fitted[2] * qy)
-                w = solid[a, b] * min(drone[i, j], 1.0)
-                relief += w * min(r * r, most)
-                total += w
-    return 0.5 * outline, 0.5 * relief / height_sd**2, total
+            there = cells[int(fi), int(fj)]
+            if there[WEIGHT] == 0.0:
+                continue
+            share_here = share[i, j]
+            score += t * (share_here * there[LOG_DRONE] + (1.0 - share_here) * there[LOG_FREE])
+            nominal += t * there[EXPECTED]
+            seen += t * there[WEIGHT]
+            outline += t * there[CERTAINTY] * (share_here - there[PROBABILITY]) ** 2
+            if drone[i, j] >= LEAST and there[SOLID] > 0.0:
+                tops[count, 0], tops[count, 1] = qx, qy
+                tops[count, 2] = height[i, j] / drone[i, j] - there[HEIGHT]
+                tops[count, 3] = min(drone[i, j], 1.0) * there[SOLID]
+                count += 1
+    used = fit_surface(tops[:count], hold, surface)
+    relief, total = 0.0, 0.0
+    most = (3.0 * height_sd) ** 2
+    for k in range(count):
+        r = tops[k, 2] - (surface[0] + surface[1] * tops[k, 0] + surface[2] * tops[k, 1])
+        relief += tops[k, 3] * min(r * r, most)
+        total += tops[k, 3]
+    relief /= height_sd**2 * max(total, 1.0)
+    return score, nominal, seen, 0.5 * outline / max(seen, 1.0), 0.5 * relief, used
 
 
 @compiled
@@ -64,31 +83,68 @@ def contrast(
     trust: Map,
     drone: Map,
     height: Map,
-    probability: Map,
-    variance: Map,
-    surface: Map,
     telling: Array,
     cell: float,
     pose: Array,
-    fitted: Array,
+    surface: Array,
     height_sd: float,
 ) -> float:
-    """Return the misfit of the cells `telling` (k, 4): i, j, weights of outline and surface."""
-    n, m = share.shape[0], probability.shape[0]
+    """Return the misfit at a pose of the cells `telling` (k, 6).
+
+    These are x, y [m], probability, height [m], and weights of outline (over its variance) and surface.
+    """
+    n = share.shape[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
     outline, relief = 0.0, 0.0
     most = (3.0 * height_sd) ** 2
     for k in range(len(telling)):
-        a, b = int(telling[k, 0]), int(telling[k, 1])
-        qx, qy = (a + 0.5 - 0.5 * m) * cell, (b + 0.5 - 0.5 * m) * cell
+        qx, qy = telling[k, 0], telling[k, 1]
         fi = (pose[0] + c * qx - s * qy) / cell + 0.5 * n
         fj = (pose[1] + s * qx + c * qy) / cell + 0.5 * n
         if fi < 0.0 or fj < 0.0 or fi >= n or fj >= n:
             continue
         i, j = int(fi), int(fj)
-        difference = share[i, j] - probability[a, b]
-        outline += telling[k, 2] * trust[i, j] * difference * difference / (variance[a, b] + FLOOR)
-        if drone[i, j] > 0.2:
-            r = height[i, j] / drone[i, j] - surface[a, b] - (fitted[0] + fitted[1] * qx + fitted[2] * qy)
-            relief += telling[k, 3] * min(drone[i, j], 1.0) * min(r * r, most)
+        difference = share[i, j] - telling[k, 2]
+        outline += telling[k, 4] * trust[i, j] * difference * difference
+        if drone[i, j] >= LEAST:
+            plane = telling[k, 3] + surface[0] + surface[1] * qx + surface[2] * qy
+            r = height[i, j] / drone[i, j] - plane
+            relief += telling[k, 5] * min(drone[i, j], 1.0) * min(r * r, most)
     return 0.5 * (outline + relief / height_sd**2)
+
+
+@compiled
+def half_turn(
+    share: Map,
+    trust: Map,
+    drone: Map,
+    height: Map,
+    probability: Map,
+    variance: Map,
+    edges: NDArray[np.uint8],
+    solid: Map,
+    tops: Map,
+    telling: Array,
+    cell: float,
+    pose: Array,
+    surface: Array,
+    turned: Array,
+    steps: int,
+    hold: float,
+    height_sd: float,
+) -> float:
+    """Return by how much the half turn of a pose fits worse in the cells that tell.
+
+    `turned` (3,) lays the template, turned around, best over itself; from there it is refined in `steps`.
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    other = np.empty(3)
+    other[0] = pose[0] + c * turned[0] - s * turned[1]
+    other[1] = pose[1] + s * turned[0] + c * turned[1]
+    other[2] = pose[2] + turned[2]
+    refine(share, trust, probability, variance, edges, cell, other, steps, np.empty((3, 3)))
+    cells, fitted = np.empty((share.size, 4)), np.zeros(3)
+    count = surface_cells(drone, height, solid, tops, cell, other, cells)
+    fit_surface(cells[:count], hold, fitted)
+    there = contrast(share, trust, drone, height, telling, cell, other, fitted, height_sd)
+    return there - contrast(share, trust, drone, height, telling, cell, pose, surface, height_sd)

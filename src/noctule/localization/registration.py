@@ -9,17 +9,16 @@ the template's.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from noctule.camera import FixedCamera
-from noctule.geometry import Array, Pose, rot_z, wrap_angle
-from noctule.localization import fitting, scoring
-from noctule.localization.evidence import Evidence, Map, gather
-from noctule.localization.matcher import SURFACE_SD, Matcher, Seen
+from noctule.geometry import Array, Pose, wrap_angle
+from noctule.localization import placing
+from noctule.localization.evidence import Evidence, gather
+from noctule.localization.matcher import Fit, Matcher
 from noctule.messages import DepthFrame
 
 NEAR = np.radians(np.arange(-40.0, 41.0, 10.0))
@@ -28,10 +27,7 @@ ALL = np.radians(np.arange(0.0, 360.0, 10.0))
 """Headings tried where nothing is predicted [rad]."""
 
 _GOOD = 0.75  # a ratio that needs no search
-_TURNED_STEPS = 2  # of the refinement of the half turn, which starts where the template says
 _FAR = 0.03  # [m], when the height was predicted worse than this the evidence is gathered again
-_INFLATION = 3.0  # neighbouring cells err together: the curvature promises too much
-_FLOOR_SD = np.array([0.0015, 0.0015, 0.0012, 0.003])  # [m, m, m, rad], what differs with the view
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,20 +45,6 @@ class Registration:
 
 
 @dataclass(frozen=True, slots=True)
-class _View:
-    """Evidence around a supposed pose."""
-
-    evidence: Evidence
-    share: Map
-    trust: Map
-
-    @property
-    def seen(self) -> Seen:
-        """Share, trust, drone and height of the cells."""
-        return self.share, self.trust, self.evidence.drone, self.evidence.height
-
-
-@dataclass(frozen=True, slots=True)
 class Scene:
     """A frame, and what it is compared with."""
 
@@ -71,13 +53,10 @@ class Scene:
     camera: FixedCamera
     matcher: Matcher
 
-    def view(self, pose: Pose, wide: bool = False) -> _View:
+    def view(self, pose: Pose, wide: bool = False) -> Evidence:
         """Gather the evidence around a supposed pose; `wide` to search it for the drone."""
         grid = self.matcher.wide if wide else self.matcher.grid
-        evidence = gather(self.depth, self.nearest, self.camera, pose, grid)
-        share, trust = np.empty_like(evidence.drone), np.empty_like(evidence.drone)
-        scoring.shares(evidence.drone, evidence.free, scoring.FULL, share, trust)
-        return _View(evidence, share, trust)
+        return gather(self.depth, self.nearest, self.camera, pose, grid)
 
 
 def align(
@@ -98,15 +77,15 @@ def register(
     matcher = scene.matcher
     view = scene.view(predicted)
     at, information = matcher.refine(view.share, view.trust, np.zeros(3))
-    judged = matcher.judge(view.share, view.trust, at)
-    if searched or judged[0] < _GOOD * judged[1] or judged[1] <= 0.0:
+    fit = matcher.assess(view, at)
+    if searched or fit.score < _GOOD * fit.nominal or fit.nominal <= 0.0:
         around = scene.view(predicted, wide=True)
         starts, scores = matcher.search(around.share, around.trust, headings, reach)
         other = matcher.refine(around.share, around.trust, starts[int(np.argmax(scores))])
-        rejudged = matcher.judge(around.share, around.trust, other[0])
-        if rejudged[0] > judged[0]:
-            return _completed(scene, around, *other, rejudged)
-    return _completed(scene, view, at, information, judged)
+        other_fit = matcher.assess(around, other[0])
+        if other_fit.score > fit.score:
+            return _completed(scene, around, *other, other_fit)
+    return _completed(scene, view, at, information, fit)
 
 
 def acquire(scene: Scene, position: Array, reach: int = 3) -> Registration:
@@ -121,76 +100,34 @@ def acquire(scene: Scene, position: Array, reach: int = 3) -> Registration:
     found = [
         matcher.refine(view.share, view.trust, starts[(first + k * quarter) % len(ALL)])[0] for k in range(4)
     ]
-    distance = view.evidence.distance
-
-    def misfit(at: Array) -> float:
-        return matcher.contrast(view.seen, at, _surface(matcher, view, at)[0], distance, quarters=True)
-
-    best = min(found, key=misfit)
+    best = min(found, key=lambda at: matcher.quarter_contrast(view, at))
     # Once more in its own axes, with the tilt that was not known.
-    return register(scene, _moved(view.evidence, best, _surface(matcher, view, best)[0]))
+    return register(scene, _moved(view, best, matcher.assess(view, best).surface))
 
 
-def _completed(
-    scene: Scene, view: _View, at: Array, information: Array, judged: tuple[float, float, float]
-) -> Registration:
+def _completed(scene: Scene, view: Evidence, at: Array, information: Array, fit: Fit) -> Registration:
     """Return the answer with its height, which was perhaps predicted too badly to trust the rest."""
     matcher = scene.matcher
-    surface, cells = _surface(matcher, view, at)
-    pose = _moved(view.evidence, at, surface)
-    if abs(surface[0]) > _FAR:
+    pose = _moved(view, at, fit.surface)
+    if abs(fit.surface[0]) > _FAR:
         # The rays that pass the body's height were placed at a wrong height.
         view = scene.view(pose)
         at, information = matcher.refine(view.share, view.trust, np.zeros(3))
-        surface, cells = _surface(matcher, view, at)
-        pose = _moved(view.evidence, at, surface)
-        judged = matcher.judge(view.share, view.trust, at)
-    score, nominal, seen = judged
+        fit = matcher.assess(view, at)
+        pose = _moved(view, at, fit.surface)
     return Registration(
         pose,
-        covariance(information, cells, view.evidence.pose.yaw + float(at[2])),
-        score,
-        score / nominal if nominal > 0.0 else 0.0,
-        min(seen / matcher.seen, 1.0),
-        *matcher.misfits(view.seen, at, surface, view.evidence.distance, seen),
-        _half_turn(matcher, view, at, surface),
+        placing.covariance(information, fit.cells, view.pose.yaw + float(at[2])),
+        fit.score,
+        fit.score / fit.nominal if fit.nominal > 0.0 else 0.0,
+        min(fit.seen / matcher.seen, 1.0),
+        fit.outline,
+        fit.relief,
+        matcher.against_half_turn(view, at, fit.surface),
     )
 
 
-def _surface(matcher: Matcher, view: _View, at: Array) -> tuple[Array, float]:
-    return matcher.surface(view.evidence.drone, view.evidence.height, at)
-
-
-def _half_turn(matcher: Matcher, view: _View, at: Array, surface: Array) -> float:
-    """Return by how much the half turn fits worse than `at`, over what it would if all were seen."""
-    if matcher.half_turn <= 0.0:
-        return 0.0
-    c, s = math.cos(at[2]), math.sin(at[2])
-    x, y, heading = (float(value) for value in matcher.turned)
-    start = np.array([at[0] + c * x - s * y, at[1] + s * x + c * y, at[2] + heading])
-    turned, _ = matcher.refine(view.share, view.trust, start, _TURNED_STEPS)
-    other = _surface(matcher, view, turned)[0]
-    distance = view.evidence.distance
-    here = matcher.contrast(view.seen, at, surface, distance)
-    return (matcher.contrast(view.seen, turned, other, distance) - here) / matcher.half_turn
-
-
-def _moved(evidence: Evidence, at: Array, surface: Array) -> Pose:
+def _moved(seen: Evidence, at: Array, surface: Array) -> Pose:
     """Return the pose that the supposed one becomes: x, y, heading in its axes, then height and slopes."""
-    x, y, z, yaw, roll, pitch = fitting.moved(evidence.R_world_body, evidence.pose.position, at, surface)
+    x, y, z, yaw, roll, pitch = placing.moved(seen.R_world_body, seen.pose.position, at, surface)
     return Pose(np.array([x, y, z]), wrap_angle(yaw), roll, pitch)
-
-
-def covariance(information: Array, cells: float, yaw: float) -> Array:
-    """Return the covariance (4, 4) of x, y, z [m] and yaw [rad] in the world.
-
-    From the curvature (3, 3) in body axes of the fit of the edges, and the cells that gave the height.
-    """
-    P = np.linalg.inv(information + np.diag([1.0, 1.0, 1e-2])) * _INFLATION
-    turn = rot_z(yaw)
-    P = turn @ P @ turn.T
-    out = np.zeros((4, 4))
-    keep = np.array([0, 1, 3])
-    out[np.ix_(keep, keep)] = P
-    out[2, 2] = SURFACE_SD**2 / (1.0 + 0.1 * cells)
-    return out + np.diag(_FLOOR_SD**2)

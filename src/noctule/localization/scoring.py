@@ -1,27 +1,12 @@
-"""Compiled inner loops of `registration`: what cells show, and the scores of supposed poses."""
+"""Compiled inner loops of the search in `registration`: scores of many supposed poses, in coarse blocks."""
 
 from __future__ import annotations
 
 import math
 
 from noctule.geometry import Array
-from noctule.localization.evidence import Map
+from noctule.localization.gathering import Map
 from noctule.vision.homography.compiled import compiled
-
-FULL = 0.3
-"""A cell covered this far by drone counts as drone. Sides turned to the camera fill the cells at their foot;
-well below one half, cells on the far side fill as early, and the two biases cancel.
-"""
-
-
-@compiled
-def shares(drone: Map, free: Map, full: float, share: Map, trust: Map) -> None:
-    """Write how far each cell is drone (0 to 1) and how far that counts (0: unknown); all (n, n)."""
-    n = drone.shape[0]
-    for i in range(n):
-        for j in range(n):
-            share[i, j] = min(drone[i, j] / full, 1.0)
-            trust[i, j] = 1.0 if drone[i, j] > 0.0 else min(free[i, j], 1.0)
 
 
 @compiled
@@ -73,28 +58,3 @@ def correlate(
                     j = j0 - b * shift
                     if 0 <= j < n:
                         out[h, a, b] += seen * drone[i, j] + past * free[i, j]
-
-
-@compiled
-def judge(
-    share: Map, trust: Map, drone: Map, free: Map, expected: Map, weight: Map, cell: float, pose: Array
-) -> tuple[float, float, float]:
-    """Return the score of a pose, what its seen cells would score if right, and their weight."""
-    n, m = share.shape[0], drone.shape[0]
-    c, s = math.cos(pose[2]) / cell, math.sin(pose[2]) / cell
-    score, nominal, seen = 0.0, 0.0, 0.0
-    for i in range(n):
-        x = (i + 0.5 - 0.5 * n) * cell - pose[0]
-        for j in range(n):
-            t = trust[i, j]
-            if t == 0.0:
-                continue
-            y = (j + 0.5 - 0.5 * n) * cell - pose[1]
-            fi, fj = c * x + s * y + 0.5 * m, c * y - s * x + 0.5 * m
-            if fi < 0.0 or fj < 0.0 or fi >= m or fj >= m:
-                continue
-            a, b = int(fi), int(fj)
-            score += t * (share[i, j] * drone[a, b] + (1.0 - share[i, j]) * free[a, b])
-            nominal += t * expected[a, b]
-            seen += t * weight[a, b]
-    return score, nominal, seen

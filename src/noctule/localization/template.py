@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from noctule.camera import FixedCamera
 from noctule.errors import NoctuleError
 from noctule.geometry import Array, Pose
-from noctule.localization.evidence import Evidence, Grid, Map, gather
+from noctule.localization.evidence import FULL, Evidence, Grid, Map, gather
 from noctule.localization.fitting import FLOOR
-from noctule.localization.scoring import FULL
 from noctule.messages import DepthFrame
 
 CELL = 0.01  # [m]
