@@ -98,8 +98,9 @@ class PathFollower:
     _bounds: Array = field(init=False)  # (4,) of the disturbance
     _disturbance: Array = field(default_factory=lambda: np.zeros(4))  # (4,) [m/s^2, rad/s^2], body
     _before: tuple[float, Array] | None = None  # the last estimate: stamp [s], state (8,)
-    _stamps: Array = field(default_factory=lambda: np.empty(0))  # (n,) [s]
-    _sent: Array = field(default_factory=lambda: np.empty((0, 4)))  # (n, 4)
+    # The last commands; before the first, nothing was sent since ever.
+    _stamps: Array = field(default_factory=lambda: np.full(_MEMORY, -np.inf))  # (n,) [s]
+    _sent: Array = field(default_factory=lambda: np.zeros((_MEMORY, 4)))  # (n, 4)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be flown."""
@@ -128,7 +129,7 @@ class PathFollower:
         `estimate` may be older than the tick: it is predicted to when the command takes effect. `sent` is
         what was really sent at the last tick, where a supervisor or the vehicle changed the command.
         """
-        if sent is not None and self._sent.size:
+        if sent is not None:
             self._sent[-1] = sent.as_array()
         gains, drags, delay = self.model.input_gains, self.model.drags, self.model.delay
         until = max(stamp, estimate.stamp) + delay
@@ -147,7 +148,7 @@ class PathFollower:
             *self._gains, gains, drags, push, self.limits,
         )  # fmt: skip
         self._remember(stamp, u)
-        return Command.from_array(u), self._report(x, wanted.pose, v_r, not np.array_equal(u, free), until)
+        return Command.from_array(u), self._report(x, wanted.pose, v_r, bool((u != free).any()), until)
 
     def _leg_of(self, x: Array, until: float) -> tuple[PathPlan, Progress]:
         """Return the leg to fly at this tick and the progress on it; begins the next one where one ends."""
@@ -215,8 +216,9 @@ class PathFollower:
             self._before = (stamp, now)
 
     def _remember(self, stamp: float, u: Array) -> None:
-        self._stamps = np.append(self._stamps[-_MEMORY:], stamp)
-        self._sent = np.vstack([self._sent[-_MEMORY:], u])
+        self._stamps[:-1] = self._stamps[1:]
+        self._sent[:-1] = self._sent[1:]
+        self._stamps[-1], self._sent[-1] = stamp, u
 
     def _report(self, x: Array, pose: Array, v_r: Array, saturated: bool, until: float) -> FollowerReport:
         progress = self._progress
@@ -225,7 +227,7 @@ class PathFollower:
             phase=self._phase,
             path_time=until - self._path_begun,
             s=progress.s,
-            cross_track=float(np.linalg.norm(x[:3] - pose[:3])),
+            cross_track=math.dist(x[:3].tolist(), pose[:3].tolist()),
             yaw_error=wrap_angle(float(pose[3] - x[3])),
             speed=progress.speed,
             wanted=pose,

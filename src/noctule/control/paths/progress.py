@@ -64,7 +64,7 @@ def advance(plan: PathPlan, now: Progress, x: Array, t: float, dt: float) -> tup
     s = now.gate if now.holding else nearest(path, x[:3], now.s, now.floor, now.gate)
     point = path.at(s)
     flown = foot_speed(point, x)
-    now = _begin_timed(plan, replace(now, s=s), flown, t)
+    now = _begin_timed(plan, now, s, flown, t)
     if not now.holding and now.gate - s <= CAPTURE:
         now = replace(now, holding=True, s=now.gate, speed=0.0, allowed=0.0)
         point = path.at(now.gate)
@@ -85,8 +85,8 @@ def _cruising(
     plan: PathPlan, now: Progress, point: PathPoint, flown: float, dt: float
 ) -> tuple[Progress, Reference]:
     settings = plan.speed
-    profile, slope = plan.profile.at(plan.path.within(now.s))
-    distance = now.gate - now.s
+    profile, slope = plan.profile.at(plan.path.within(point.s))
+    distance = now.gate - point.s
     stopping = approach_speed(distance, settings) if math.isfinite(distance) else math.inf
     # It may not run ahead of a vehicle that is held back, or it would dash off when let go.
     allowed = min(now.allowed + settings.acceleration * dt, max(flown, 0.0) + _AHEAD)
@@ -97,8 +97,8 @@ def _cruising(
         change = max(-settings.acceleration, -settings.stop_gain * speed)
     else:
         change, allowed = slope * speed, profile
-    now = replace(now, allowed=allowed, speed=speed)
-    now, target = _turned(plan, now, point, speed, dt)
+    target = _turned(plan, now, point, speed, dt)
+    now = replace(now, s=point.s, turn=target, allowed=allowed, speed=speed)
     velocity, motion, acceleration = np.empty(4), np.empty(4), np.empty(4)
     velocity[:3], velocity[3] = speed * point.tangent, target.rate
     motion[:3], motion[3] = flown * point.tangent, target.rate
@@ -108,7 +108,8 @@ def _cruising(
 
 
 def _held(plan: PathPlan, now: Progress, point: PathPoint, dt: float) -> tuple[Progress, Reference]:
-    now, target = _turned(plan, now, point, 0.0, dt)
+    target = _turned(plan, now, point, 0.0, dt)
+    now = replace(now, turn=target)
     rate = np.array([0.0, 0.0, 0.0, target.rate])
     return now, Reference(_pose(point, target), rate, rate, np.array([0.0, 0.0, 0.0, target.acceleration]))
 
@@ -119,17 +120,14 @@ def _pose(point: PathPoint, target: TurnReference) -> Array:
     return pose
 
 
-def _turned(
-    plan: PathPlan, now: Progress, point: PathPoint, speed: float, dt: float
-) -> tuple[Progress, TurnReference]:
+def _turned(plan: PathPlan, now: Progress, point: PathPoint, speed: float, dt: float) -> TurnReference:
     if now.yaw is not None:
         wanted: tuple[float, float] | None = (now.yaw, 0.0)
     else:
-        wanted = heading_at(plan.heading, point, plan.path.within(now.s))
+        wanted = heading_at(plan.heading, point, plan.path.within(point.s))
     yaw, per_metre = (now.turn.yaw, 0.0) if wanted is None else wanted
     # By the wanted speed, not the flown one, whose noise would be differentiated.
-    target = now.turn.step(yaw, per_metre * speed, dt, plan.turning)
-    return replace(now, turn=target), target
+    return now.turn.step(yaw, per_metre * speed, dt, plan.turning)
 
 
 def _next_gate(plan: PathPlan, now: Progress) -> Progress:
@@ -140,7 +138,7 @@ def _next_gate(plan: PathPlan, now: Progress) -> Progress:
     return replace(now, stop=None, gate=plan.total)
 
 
-def _begin_timed(plan: PathPlan, now: Progress, flown: float, t: float) -> Progress:
+def _begin_timed(plan: PathPlan, now: Progress, s: float, flown: float, t: float) -> Progress:
     """Begin a stop whose time has come: as far ahead as it takes to brake."""
     if now.timed >= len(plan.timed) or t < (plan.timed[now.timed].time or 0.0):
         return now
@@ -150,7 +148,7 @@ def _begin_timed(plan: PathPlan, now: Progress, flown: float, t: float) -> Progr
         return now
     if now.holding:  # stopped already: it only lasts longer
         return replace(now, stop=stop, since=stop.time)
-    gate = min(now.gate, now.s + braking_distance(flown, plan.speed))
+    gate = min(now.gate, s + braking_distance(flown, plan.speed))
     return replace(now, stop=stop, gate=gate, since=stop.time)
 
 

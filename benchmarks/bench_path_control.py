@@ -1,0 +1,132 @@
+"""Times path following on one core: python benchmarks/bench_path_control.py.
+
+Wanted: control and nearest point together within 50 us per tick. With --table also the stability table of
+docs/path-following.md, flown on the simulator's dynamics (two minutes).
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from noctule.control.cascade import CascadeSettings, cascade, predict_over_delay
+from noctule.control.paths import FixedHeading, Stop, loc_1, loc_2, nearest, plan
+from noctule.control.paths.heading import TurnReference
+from noctule.control.paths.progress import advance, begin
+from noctule.estimation.filter_state import StateEstimate
+from noctule.estimation.vehicle_model import VehicleModel
+from noctule.pilots.path_follower import FollowerSettings, PathFollower
+
+DT = 1.0 / 30.0
+
+
+def measure(call: Callable[[], object], repeats: int = 3000) -> tuple[float, float]:
+    """Return the median and the 95th percentile [us] of `repeats` calls."""
+    for _ in range(100):
+        call()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter_ns()
+        call()
+        times.append((time.perf_counter_ns() - start) * 1e-3)
+    return statistics.median(times), statistics.quantiles(times, n=20)[-1]
+
+
+def follower_tick() -> Callable[[], object]:
+    """Return a tick of a follower on the ellipse, with a delay of 0.1 s, that flies as it is told."""
+    made, model = loc_1(), VehicleModel.identified(delay=0.1)
+    follower = PathFollower(made, model, np.ones(4), FollowerSettings(go_to_start=False))
+    x = np.zeros(8)
+    x[:3], x[3] = made.path.position[0], np.pi / 2
+    now = [0.0, x]
+
+    def tick() -> object:
+        t, state = now
+        command, report = follower.step(StateEstimate(t, state, np.eye(8)), t)
+        # Near enough to flying: the state that was predicted, a tick later.
+        after = predict_over_delay(
+            state, t, t + DT, np.array([t]), command.as_array()[None], np.zeros(4), model.input_gains,
+            model.drags, 0.0,
+        )  # fmt: skip
+        now[:] = [t + DT, after]
+        return report
+
+    return tick
+
+
+def times() -> None:
+    made, model = loc_2(), VehicleModel.identified(delay=0.1)
+    path = made.path
+    x = np.append(path.at(1.0).position + 0.02, [0.1, 0.2, 0.1, 0.0, 0.0])
+    nothing, (k1, k2, K) = np.zeros(4), CascadeSettings().arrays()
+    stamps, commands = np.arange(-64, 0) * DT, np.zeros((64, 4))
+    progress = begin(made, TurnReference(0.0))
+    gains, drags = model.input_gains, model.drags
+    cases: dict[str, Callable[[], object]] = {
+        "nearest point, window of +-0.3 m": lambda: nearest(path, x[:3], 1.0),
+        "path, profile, heading, stops": lambda: advance(made, progress, x, 1.0, DT),
+        "prediction over 0.1 s": lambda: predict_over_delay(
+            x, 0.0, 0.1, stamps, commands, nothing, gains, drags, 0.1
+        ),
+        "both laws, with limits": lambda: cascade(
+            x, x[:4], nothing, nothing, nothing, k1, k2, K, gains, drags, nothing, np.ones(4)
+        ),
+    }
+    print(f"{'':44s}{'median':>10s}{'p95':>10s}  [us]")
+    for name, call in cases.items():
+        median, p95 = measure(call)
+        print(f"{name:44s}{median:10.1f}{p95:10.1f}")
+    tick = follower_tick()
+    aside = measure(
+        lambda: predict_over_delay(x, 0.0, DT, stamps[:1], commands[:1], nothing, gains, drags, 0.0)
+    )[0]
+    median, p95 = measure(tick)
+    print(f"{'the whole tick: PathFollower.step':44s}{median - aside:10.1f}{p95 - aside:10.1f}")
+
+
+def table() -> None:
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "pilots"))
+    from pilots_space_flight import fly, vehicle
+
+    base = loc_2()
+    made = plan(base.path, base.speed, FixedHeading(0.0), (Stop(12.0, time=18.0),), laps=None)
+    settings = FollowerSettings(go_to_start=False, cascade=CascadeSettings(longest_delay_s=1.0))
+    print("\neight at 0.3 m/s, stop, two pushes, late and noisy sensors; mean of three seeds")
+    print(
+        f"{'vehicle':12s}{'delay':>7s}{'known as':>10s}{'cross-track mean, p95':>24s}"
+        f"{'hover':>9s}{'recovery':>10s}"
+    )
+    for kind in ("tilt", "first_order"):
+        for delay in (0.0, 0.1, 0.2, 0.3, 0.4, 0.5):
+            for share in (1.0, 0.8, 0.0) if delay else (1.0,):
+                rows = []
+                for seed in range(3):
+                    flight = fly(
+                        made, kind, 30.0, model=vehicle(kind)[1], delay=delay, known_delay=share * delay,
+                        pushes=(12.0, 24.0), fused=True, seed=seed, settings=settings,
+                    )  # fmt: skip
+                    stops = ((18.0, 30.0),)
+                    rows.append(
+                        [
+                            *flight.cross_track(made, stops),
+                            flight.hover_rms(stops),
+                            max(flight.recoveries(made.path)),
+                        ]
+                    )
+                mean, p95, hover, recovery = np.mean(rows, axis=0)
+                late = f"{recovery:8.2f} s" if recovery < 2.5 else "   never"
+                print(
+                    f"{kind:12s}{delay:7.1f}{share * delay:10.2f}{1e3 * mean:14.1f}{1e3 * p95:7.1f} mm"
+                    f"{1e3 * hover:6.1f} mm{late}"
+                )
+
+
+if __name__ == "__main__":
+    times()
+    if "--table" in sys.argv:
+        table()
