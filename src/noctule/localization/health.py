@@ -15,6 +15,7 @@ from noctule.camera import PinholeCamera
 from noctule.errors import NoctuleError
 from noctule.messages import DepthFrame
 from noctule.vision.depth.background import Background, fits
+from noctule.vision.homography.compiled import compiled
 
 MIN_VALID = 0.2  # of the pixels in which the background has readings; without one, of all
 MIN_FIT = 0.7  # of the background that can be seen; a camera tilted by one degree stays below
@@ -68,18 +69,35 @@ def check_frame(frame: DepthFrame, expected: Expected) -> str:
         )
     if depth.dtype != np.uint16:
         return _other_type(depth)
-    seen = depth[::_STRIDE, ::_STRIDE]
-    valid = seen > 0
-    readings = seen[valid]
-    if not readings.size and not depth.any():
+    readings, known, most, usual = _look(depth, expected.known)
+    if not readings and not depth.any():
         return "all zero: no pixel has a depth; is the sensor's projector on and its lens free?"
-    share = int(np.count_nonzero(valid & expected.known)) / max(int(np.count_nonzero(expected.known)), 1)
+    share = known / max(most, 1)
     if share < MIN_VALID:
         return (
             f"too few readings: {100.0 * share:.0f} % of the picture has a depth, expected at least "
             f"{100.0 * MIN_VALID:.0f} %; is the lens free, and no sunlight in the room?"
         )
-    return _other_unit(float(np.median(readings)), expected.usual)
+    return _other_unit(usual, expected.usual)
+
+
+@compiled
+def _look(depth: NDArray[np.uint16], known: NDArray[np.bool_]) -> tuple[int, int, int, float]:
+    """Return how many of the pixels that tell have a reading, where the background has one, and its own.
+
+    And the median of the readings [mm], 0 without any.
+    """
+    readings = np.empty(known.size, np.uint16)
+    count, both, most = 0, 0, 0
+    for i in range(known.shape[0]):
+        for j in range(known.shape[1]):
+            reading = depth[i * _STRIDE, j * _STRIDE]
+            most += known[i, j]
+            if reading > 0:
+                readings[count] = reading
+                count += 1
+                both += known[i, j]
+    return count, both, most, np.median(readings[:count]) if count else 0.0
 
 
 def _other_type(depth: NDArray[Any]) -> str:
