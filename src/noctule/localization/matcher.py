@@ -120,7 +120,7 @@ class Matcher:
         t = self.template
         information, pose = np.zeros((3, 3)), start.copy()
         fitting.refine(
-            share, trust, t.probability, t.variance, self.edges, t.grid.cell, pose, steps, information
+            share, trust, t.probability, t.variance, self.edges, t.grid.cell, pose, steps, 1, information
         )
         return pose, information
 
@@ -153,7 +153,7 @@ class Matcher:
 
     def _surface(self, drone: Map, height: Map, pose: Array) -> Array:
         t, out, cells = self.template, np.zeros(3), np.empty((drone.size, 4))
-        count = fitting.surface_cells(drone, height, self.solid, t.height, t.grid.cell, pose, cells)
+        count = fitting.surface_cells(drone, height, self.solid, t.height, t.grid.cell, pose, 1, cells)
         fitting.fit_surface(cells[:count], _HOLD, out)
         return out
 

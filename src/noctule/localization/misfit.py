@@ -136,15 +136,16 @@ def half_turn(
     """Return by how much the half turn of a pose fits worse in the cells that tell.
 
     `turned` (3,) lays the template, turned around, best over itself; from there it is refined in `steps`.
+    Every other cell is enough for that: the evidence is summed over frames.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     other = np.empty(3)
     other[0] = pose[0] + c * turned[0] - s * turned[1]
     other[1] = pose[1] + s * turned[0] + c * turned[1]
     other[2] = pose[2] + turned[2]
-    refine(share, trust, probability, variance, edges, cell, other, steps, np.empty((3, 3)))
+    refine(share, trust, probability, variance, edges, cell, other, steps, 2, np.empty((3, 3)))
     cells, fitted = np.empty((share.size, 4)), np.zeros(3)
-    count = surface_cells(drone, height, solid, tops, cell, other, cells)
+    count = surface_cells(drone, height, solid, tops, cell, other, 2, cells)
     fit_surface(cells[:count], hold, fitted)
     there = contrast(share, trust, drone, height, telling, cell, other, fitted, height_sd)
     return there - contrast(share, trust, drone, height, telling, cell, pose, surface, height_sd)
