@@ -6,6 +6,7 @@ import io
 import json
 import socket
 import sys
+import threading
 import time
 from types import SimpleNamespace
 
@@ -13,8 +14,10 @@ import numpy as np
 import pytest
 from cli_room import CAMERA, depth, leave, leave_site
 
+from noctule.cli.depth_options import SourceOptions
 from noctule.cli.node_options import NodeOptions, prepare
 from noctule.cli.node_running import Status, in_words
+from noctule.cli.nodes import _live_simulation
 from noctule.estimation.filter_state import start_at
 from noctule.estimation.identification import VehicleModelSettings
 from noctule.flight.network.member import Member
@@ -22,7 +25,14 @@ from noctule.flight.recording import FlightRecorder, sent_message
 from noctule.localization.locator import Located, LocatorState
 from noctule.localization.site import SiteCamera, save_background
 from noctule.localization.vehicle_file import save_vehicle_model
-from noctule.messages import Command, FlightState, HeadingMeasurement, PoseMeasurement, VehicleState
+from noctule.messages import (
+    Command,
+    DepthFrame,
+    FlightState,
+    HeadingMeasurement,
+    PoseMeasurement,
+    VehicleState,
+)
 from noctule.vision.depth import learn_background
 
 ROLES = ("onboard", "depth", "markers", "fusion")
@@ -262,3 +272,21 @@ def test_what_is_printed_for_programs_is_json_without_numbers_that_are_none(alon
     said = alone("fusion", "--drill", "0", "--drill-seconds", "0.2", "--out", "o", "--json")
     assert "NaN" not in said.out
     assert json.loads(said.out)["drill"].keys() == {"judged", "nees_per_state", "nees_by_second"}
+
+
+def test_a_simulated_frame_that_is_past_is_not_drawn(monkeypatch):
+    drawn = []
+
+    class Stage:
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def frame(self, stamp, *_: object) -> DepthFrame:
+            drawn.append(stamp)
+            return DepthFrame(stamp, depth([], 0))
+
+    monkeypatch.setattr("noctule.flight.depth_scene.DepthStage", Stage)
+    ready = prepare("depth", NodeOptions(begin=time.time() - 100.0))
+    options = SourceOptions(simulated=True, seconds=100.2)
+    list(_live_simulation(options, ready, threading.Event()))
+    assert all(stamp > 99.9 for stamp in drawn)

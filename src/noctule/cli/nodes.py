@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -188,10 +189,26 @@ def _timed(
     from noctule.flight.network.pacing import live_frames, paced_frames
     from noctule.localization.site import straightened
 
+    if options.simulated:
+        return _live_simulation(options, ready, stop)
     frames = straightened(source.frames(), camera)
     if options.device is not None:
         return live_frames(frames, stop)
     return paced_frames(frames, ready.schedule, stop)
+
+
+def _live_simulation(
+    options: SourceOptions, ready: Prepared, stop: threading.Event
+) -> Iterable[DepthFrame | Nothing]:
+    """Yield what the simulated camera sees in real time: a frame that is past is not drawn at all."""
+    from noctule.flight.depth_scene import Scene
+    from noctule.flight.network.pacing import paced_frames
+
+    seconds = options.seconds or _SECONDS
+    scene = Scene("path", options.seed or 0, options.hull, options.markers, options.person, seconds)
+    when = ready.schedule(0.0)
+    frames = scene.frames(lambda stamp: when.shared(stamp) >= time.time() and not stop.is_set())
+    return paced_frames(frames, lambda first: when, stop)
 
 
 def _of_recording(file: Path, ready: Prepared, stop: threading.Event) -> Iterable[Reading]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -69,12 +69,14 @@ class Scene:
         # The room is of the seed alone; errors and flights differ between calibrating and flying.
         return int(np.random.SeedSequence([self.seed, _STREAMS[self.flight]]).generate_state(1)[0])
 
-    def frames(self) -> Iterator[DepthFrame]:
-        """Draw the frames."""
+    def frames(self, wanted: Callable[[float], bool] | None = None) -> Iterator[DepthFrame]:
+        """Draw the frames; with `wanted`, only those whose stamp [s] it accepts when their turn comes."""
         spec = self.spec
         stage = DepthStage(spec, self._own_seed, lab_room(self.seed))
         people: list[Motion] = [passer_by()] if self.person else []
         for stamp, pose in self.poses():
+            if wanted is not None and not wanted(stamp):
+                continue
             yield stage.frame(stamp, pose, [motion.at(stamp) for motion in people], spec.markers)
 
 
