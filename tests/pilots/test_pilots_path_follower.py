@@ -241,6 +241,28 @@ def test_an_estimate_that_is_late_is_predicted_to_the_tick():
     assert report.predicted[0] == pytest.approx(0.3 * 0.3 * (1.0 - math.exp(-0.15 / 0.3)))
 
 
+def test_a_pause_makes_neither_speed_nor_heading_jump():
+    made = plan(line((0, 0, 1), (3, 0, 1)), heading=FixedHeading(2.0))
+    follower = PathFollower(made, VehicleModel.velocity_loop(0.3), np.full(4, 2.0), HERE)
+    x = np.array([0.0, 0.0, 1.0, 0.0, 0, 0, 0, 0])
+    before = [follower.step(at(k / 30, x), k / 30)[1] for k in range(5)][-1]
+    after = follower.step(at(10.0, x), 10.0)[1]
+    assert after.speed - before.speed <= 0.5 * 0.2 + 1e-9
+    assert abs(after.wanted[3] - before.wanted[3]) < 0.1
+
+
+def test_an_estimate_that_is_not_finite_is_refused_and_leaves_no_trace():
+    followers = [PathFollower(short_eight(), *vehicle("tilt")[1:], HERE) for _ in range(2)]
+    x = np.append(short_eight().path.position[0], np.zeros(5))
+    for follower in followers:
+        follower.step(at(0.0, x), 0.0)
+    with pytest.raises(FollowerError) as caught:
+        followers[0].step(at(0.03, x * np.nan), 0.03)
+    assert str(caught.value) == ("follower: the estimate at 0.03 s is not finite; hover until it is again")
+    commands = [follower.step(at(0.06, x), 0.06)[0] for follower in followers]
+    assert commands[0] == commands[1]
+
+
 def fails(model, limits):
     with pytest.raises(FollowerError) as caught:
         PathFollower(short_eight(), model, np.asarray(limits), HERE)

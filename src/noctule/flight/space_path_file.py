@@ -23,6 +23,7 @@ from noctule.control.paths import (
     eight,
     ellipse,
     joined,
+    nearest,
     plan,
     polyline,
     spline,
@@ -122,8 +123,11 @@ def _lengths_at(path: SpacePath, points: Array) -> Array:
     for point in points[1:] if path.closed else points[1:-1]:
         gaps = np.linalg.norm(path.position[floor + 1 :] - point, axis=1)
         near = np.flatnonzero(gaps <= max(float(gaps.min()), 0.0) + 0.01)
-        floor += 1 + int(near[0])
-        found.append(float(path.s[floor]))
+        k = int(near[0])
+        while k + 1 < len(gaps) and gaps[k + 1] < gaps[k]:
+            k += 1
+        floor += 1 + k
+        found.append(nearest(path, point, float(path.s[floor])))
     return np.array(found if path.closed else [*found, path.length])
 
 

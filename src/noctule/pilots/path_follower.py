@@ -24,6 +24,7 @@ from noctule.geometry import Array, wrap_angle
 from noctule.messages import Command
 from noctule.settings import Settings
 
+_LONGEST_TICK = 0.2  # [s]; after a longer pause the wanted speed and heading go on from where they were
 _GAP = 0.3  # [s]; estimates farther apart say nothing of a disturbance
 _MEMORY = 64  # commands remembered: 2 s at 30 Hz, and a delay may be 0.5 s
 
@@ -127,19 +128,24 @@ class PathFollower:
         """Return the command of the tick at `stamp` [s], and what it was made of.
 
         `estimate` may be older than the tick: it is predicted to when the command takes effect. `sent` is
-        what was really sent at the last tick, where a supervisor or the vehicle changed the command.
+        what was really sent at the last tick, where a supervisor or the vehicle changed the command. Raises
+        FollowerError, and changes nothing, for an estimate that is not finite.
         """
+        now = np.ascontiguousarray(estimate.x[:8])
+        if not np.isfinite(now).all():
+            raise FollowerError(
+                f"follower: the estimate at {estimate.stamp:.2f} s is not finite; hover until it is again"
+            )
         if sent is not None:
             self._sent[-1] = sent.as_array()
         gains, drags, delay = self.model.input_gains, self.model.drags, self.model.delay
         until = max(stamp, estimate.stamp) + delay
-        now = np.ascontiguousarray(estimate.x[:8])
         self._learn(now, estimate.stamp)
         push = self._disturbance / gains  # as a command
         x = predict_over_delay(
             now, estimate.stamp, until, self._stamps, self._sent, push, gains, drags, delay
         )
-        dt = 0.0 if math.isnan(self._last) else max(0.0, stamp - self._last)
+        dt = 0.0 if math.isnan(self._last) else min(max(0.0, stamp - self._last), _LONGEST_TICK)
         self._last = stamp
         leg, progress = self._leg_of(x, until)
         self._progress, wanted = advance(leg, progress, x, until - self._begun, dt)

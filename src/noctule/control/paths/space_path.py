@@ -153,13 +153,20 @@ def of_curve(curve: Curve, begin: float, end: float, pieces: int, closed: bool =
     p, d1, d2 = curve(u)
     rate = np.linalg.norm(d1, axis=1, keepdims=True)
     if not (rate > 1e-6 * total / (end - begin)).all():
-        x, y, z = p[int(rate.argmin())]
-        raise PathShapeError(
-            f"path: the curve turns back on itself at ({x:.2f}, {y:.2f}, {z:.2f}); lead it around"
-        )
+        raise _back_on_itself(p[int(rate.argmin())])
     t = d1 / rate
+    flips = np.flatnonzero((t[:-1] * t[1:]).sum(axis=1) < 0.5)
+    if flips.size:
+        raise _back_on_itself(p[int(flips[0])])
     bend = (d2 - (d2 * t).sum(axis=1, keepdims=True) * t) / rate**2
     return SpacePath(s, p, t, bend, closed)
+
+
+def _back_on_itself(p: Array) -> PathShapeError:
+    x, y, z = p
+    return PathShapeError(
+        f"path: the curve turns back on itself at ({x:.2f}, {y:.2f}, {z:.2f}); lead it around"
+    )
 
 
 def _rate(curve: Curve, u: Array) -> Array:

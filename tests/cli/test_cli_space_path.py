@@ -1,0 +1,101 @@
+"""`noctule path show` on a path file, and the figure that it draws."""
+
+import cv2
+import numpy as np
+import pytest
+
+from noctule.cli.space_paths import figures_of, in_words
+from noctule.control.paths import Stop, line, loc_1, loc_2, plan, polyline
+from noctule.reports import ReportWriteError
+from noctule.reports.space_path_figure import space_path_figure, write_space_path_figure
+from noctule.reports.style import house_style
+
+WAY = "x,y,z\n0,0,1\n1,0,1\n1,1,1.2\n"
+
+
+def test_a_path_file_is_drawn_and_told_in_one_line(noctule, tmp_path):
+    (tmp_path / "way.csv").write_text(WAY)
+    said = noctule("path", "show", "way.csv")
+    assert said.code == 0
+    first, second = said.out.splitlines()
+    assert first.startswith("path way.csv: 2.08 m")
+    assert first.endswith(
+        "(one way), 0.24 to 0.30 m/s, height 0.98 to 1.20 m, smallest radius 0.24 m at s = 1.03 m, 0 stops"
+    )
+    assert second == "figure: way.png"
+    assert cv2.imread(str(tmp_path / "way.png")).shape == (690, 1350, 3)
+
+
+def test_the_figures_are_one_json_object(noctule, tmp_path):
+    (tmp_path / "way.csv").write_text(WAY)
+    said = noctule("path", "show", "way.csv", "--json", "--out", "drawn/here.png")
+    found = said.last_json
+    assert found["figure"] == "drawn/here.png"
+    assert found["length_m"] == pytest.approx(2.08, abs=0.01)
+    slow, fast = found["speed_mps"]
+    assert found["length_m"] / fast < found["lap_s"] < found["length_m"] / slow
+    assert (tmp_path / "drawn" / "here.png").is_file()
+
+
+def test_a_mistake_in_a_path_file_is_one_line(noctule, tmp_path):
+    (tmp_path / "way.csv").write_text(WAY.replace("1,1,1.2", "1,1,high"))
+    said = noctule("path", "show", "way.csv")
+    assert said.code == 2
+    assert said.err == "noctule: way.csv:4: z is 'high'; expected a number, -3600 to 3600 [m]\n"
+    assert not (tmp_path / "way.png").exists()
+
+
+def test_a_folder_is_still_a_visual_path(noctule, tmp_path):
+    (tmp_path / "walk.csv").mkdir()
+    said = noctule("path", "show", "walk.csv")
+    assert said.code == 2
+    assert "waypoint" not in said.err
+
+
+def test_words_name_laps_stops_and_speeds():
+    assert in_words(figures_of(loc_1())).startswith(
+        "4.17 m (closed, without end), 0.30 m/s, height 1.08 to 1.32 m"
+    )
+    assert in_words(figures_of(loc_1())).endswith(", 1 stop")
+    ring = polyline([(0, 0, 1), (1, 0, 1), (1, 1, 1)], radius=0.1, closed=True)
+    assert "(closed, 2 laps)" in in_words(figures_of(plan(ring, laps=2)))
+    assert in_words(figures_of(plan(line((0, 0, 1), (2, 0, 1))))) == (
+        "2.00 m (one way), 0.30 m/s, height 1.00 to 1.00 m, 0 stops"
+    )
+
+
+def drawn(made):
+    with house_style():
+        figure = space_path_figure(made, "a path")
+    return figure
+
+
+def test_the_figure_shows_the_path_from_above_its_height_and_its_speed():
+    made = plan(loc_2().path, stops=(Stop(3.0, s=1.5), Stop(5.0, time=9.0)), laps=1)
+    top, height, speed = drawn(made).axes
+    np.testing.assert_allclose(top.lines[0].get_xydata(), made.path.position[:, :2])
+    np.testing.assert_allclose(height.lines[0].get_ydata(), made.path.position[:, 2])
+    np.testing.assert_allclose(speed.lines[0].get_ydata(), made.profile.v)
+    words = [text.get_text() for text in top.texts]
+    assert "start" in words
+    assert "3 s" in words
+    assert "9 to 14 s: stop, wherever it is then" in words
+    assert top.get_aspect() == 1.0
+
+
+def test_arrows_point_where_the_nose_does():
+    top = drawn(plan(line((0, 0, 1), (0, 2, 1)))).axes[0]
+    arrows = [t for t in top.texts if t.arrow_patch is not None]
+    assert len(arrows) == 24
+    for arrow in arrows:
+        (x0, y0), (x1, y1) = arrow.xyann, arrow.xy
+        assert {x0, x1} == {0.0} or abs(x1 - x0) < 1e-9
+        assert abs(y1 - y0) == pytest.approx(0.192)
+    vertical = drawn(plan(line((0, 0, 1), (0, 0, 2)))).axes[0]
+    assert not [t for t in vertical.texts if t.arrow_patch is not None]
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ReportWriteError, match="cannot be written"):
+        write_space_path_figure(loc_1(), "x", tmp_path / "file" / "figure.png")
