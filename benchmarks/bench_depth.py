@@ -1,10 +1,12 @@
-"""Time of a depth frame on one core: from the frame to its blobs, beside the floor and plain OpenCV.
+"""Time of a depth frame on one core: to a measurement while tracking, to blobs, the floor, plain OpenCV.
 
 Run: python benchmarks/bench_depth.py [FRAMES]   (default 200 different frames, each timed once)
 
 The frames are 640 x 480, of a drone alone and of a drone with a person, a box and a tray. The floor reads the
-frame, compares it with the background's thresholds, and counts; nothing can do with less. Rows are the
-milliseconds of one frame.
+frame, compares it with the background's thresholds, and counts; nothing can do with less. The whole frame to
+a measurement is the default method, `Locator.step`, on a flight it follows, with the health of the frame,
+registration and half turn, its template learned from 120 frames of that drone. Rows are the milliseconds of
+one frame.
 """
 
 import os
@@ -19,7 +21,10 @@ import numpy as np
 from numba import njit
 
 from noctule.geometry import Pose
-from noctule.simulation.ceiling import CeilingSpec, DepthStage, ThingPose
+from noctule.localization.locator import Locator
+from noctule.localization.template import build_template
+from noctule.messages import DepthFrame
+from noctule.simulation.ceiling import CeilingSpec, DepthStage, ThingPose, manual_flight
 from noctule.vision.depth import (
     ellipse,
     find_blobs,
@@ -32,6 +37,10 @@ from noctule.vision.depth.blobs import MIN_AREA
 
 RATE = 30.0  # [Hz]
 TURN = 20  # frames
+LAP = 16.0  # [s], of the circle that is flown
+STARTING = 15  # frames in which the locator finds the drone; not counted
+TEACHING = 120  # frames of which the template is learned
+LOCATE = "whole frame to measurement, tracking"
 
 
 @njit(cache=True)
@@ -78,48 +87,66 @@ def hu_of_blobs(depth, background, camera, pattern):
 
 
 def scenes(stage, n, crowded):
-    """Yield n depth images of a drone that circles, alone or among a person, a box and a tray."""
+    """Yield n frames of a drone that circles, alone or among a person, a box and a tray."""
     for k in range(n):
-        a = 2.0 * np.pi * k / n
+        a = 2.0 * np.pi * k / (RATE * LAP)
         pose = Pose(np.array([0.08 + 0.5 * np.cos(a), 0.1 + 0.8 * np.sin(a), 1.2 + 0.3 * np.sin(3 * a)]), a)
         things = [
             ThingPose("person", 0.9 * np.cos(a + 2.0), 1.2 * np.sin(a + 2.0), a, walked=0.05 * k),
             ThingPose("box", -0.8, -0.6),
             ThingPose("tray", 0.9 * np.cos(a + 4.0), np.sin(a + 4.0), a, z=1.0),
         ]
-        yield stage.frame(1000.0 + k / RATE, pose, things if crowded else ()).depth
+        yield stage.frame(1000.0 + k / RATE, pose, things if crowded else ())
+
+
+def learn(stage, background):
+    """Return the drone's template, from true poses: here only the time matters."""
+    flight = manual_flight(0, TEACHING / 6.0, 6.0, CeilingSpec(hull=stage.spec.hull))
+    samples = [(stage.frame(100.0 + stamp, pose), pose) for stamp, pose in flight]
+    return build_template(samples, background.nearest, stage.camera)
 
 
 def measure(passes, frames):
     """Return the milliseconds of each pass on each frame, (passes, frames).
 
     A pass sees every frame once, just copied, as it comes from a driver: of a frame that was timed before the
-    processor foresees the branches. The passes take turns every few frames.
+    processor foresees the branches. The passes take turns every few frames. The first frames, in which the
+    locator starts, are not counted.
     """
-    for run in passes.values():
-        run(frames[0])
     taken = np.empty((len(passes), len(frames)))
     for first in range(0, len(frames), TURN):
         for j, run in enumerate(passes.values()):
             for i in range(first, min(first + TURN, len(frames))):
-                depth = frames[i].copy()
+                frame = DepthFrame(frames[i].stamp, frames[i].depth.copy())
                 started = time.perf_counter()
-                run(depth)
+                run(frame)
                 taken[j, i] = 1e3 * (time.perf_counter() - started)
-    return taken
+    return taken[:, STARTING:]
 
 
 def passes_over(background, camera, pattern):
     """Return what is timed, by name."""
     return {
-        "floor: read, compare, count": lambda d: count_foreground(d, background.nearest),
-        "blobs, one compiled pass": lambda d: find_blobs(d, background, camera),
-        "  and their ellipses": lambda d: [ellipse(b) for b in find_blobs(d, background, camera)[1]],
-        "  and their Hu moments, matched": lambda d: hu_of_blobs(d, background, camera, pattern),
-        "plain OpenCV": lambda d: plain_opencv(d, background),
-        "  and Hu moments, matched": lambda d: hu_path(d, background, pattern),
-        "does the background still fit": lambda d: fits(background, d),
+        "floor: read, compare, count": lambda f: count_foreground(f.depth, background.nearest),
+        "blobs, one compiled pass": lambda f: find_blobs(f.depth, background, camera),
+        "  and their ellipses": lambda f: [ellipse(b) for b in find_blobs(f.depth, background, camera)[1]],
+        "  and their Hu moments, matched": lambda f: hu_of_blobs(f.depth, background, camera, pattern),
+        "plain OpenCV": lambda f: plain_opencv(f.depth, background),
+        "  and Hu moments, matched": lambda f: hu_path(f.depth, background, pattern),
+        "does the background still fit": lambda f: fits(background, f.depth),
     }
+
+
+class Tracking:
+    """`Locator.step`, and how many frames gave a measurement."""
+
+    def __init__(self, locator):
+        """Take a locator that has seen nothing."""
+        self.locator, self.measured = locator, 0
+
+    def __call__(self, frame):
+        """Look at the next frame."""
+        self.measured += self.locator.step(frame).measurement is not None
 
 
 def main():
@@ -133,16 +160,20 @@ def main():
         started = time.perf_counter()
         background = learn_background(empty)
         learning = 1e3 * (time.perf_counter() - started) / len(empty)
-        alone = next(scenes(stage, n, crowded=False))
+        template = learn(stage, background)
+        alone = next(scenes(stage, 1, crowded=False)).depth
         pattern = hu_moments(max(find_blobs(alone, background, camera)[1], key=lambda blob: blob.area))
-        passes = passes_over(background, camera, pattern)
         for crowded in (False, True):
-            taken = measure(passes, list(scenes(stage, n, crowded)))
+            frames = list(scenes(stage, n + STARTING, crowded))
+            tracking = Tracking(Locator(stage.camera, background, template))
+            passes = {LOCATE: tracking, **passes_over(background, camera, pattern)}
+            taken = measure(passes, frames)
             print(f"drone {'with' if hull else 'without'} hull, {'among others' if crowded else 'alone'}")
             print(f"{'[ms]':40s} {'median':>8s} {'p95':>8s} {'least':>8s}   frames")
             for name, times in zip(passes, taken, strict=True):
                 median, p95 = np.percentile(times, [50, 95])
                 print(f"{name:40s} {median:8.3f} {p95:8.3f} {times.min():8.3f}   {len(times)}")
+            print(f"measured in {tracking.measured} of {len(frames)} frames\n")
         print(f"learning the background: {learning:.1f} ms a frame\n")
 
 
