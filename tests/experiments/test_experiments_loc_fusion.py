@@ -11,7 +11,6 @@ import pytest
 from noctule.estimation.filter_state import StateEstimate
 from noctule.estimation.sensors import Sensors
 from noctule.experiments import loc_fusion
-from noctule.experiments.fusing import Fusion
 from noctule.experiments.hand_flight import SPEED, ellipse, fly_by_hand, steer
 from noctule.experiments.judging import KINEMATIC, Errors, judge_estimate, judge_pose, judge_report
 from noctule.experiments.loc_fusion import LATE, Exposure, FusionOptions, happenings, sense
@@ -165,37 +164,6 @@ def test_a_seed_is_measured_step_by_step_and_leaves_its_recording(made_up, tmp_p
         for p in log.poses[10:]
     ]
     assert np.abs(off).max() < 0.3  # half turns as the fusion chose them
-
-
-def report(stamp: float, yaw: float | None) -> VehicleState:
-    return VehicleState(stamp, FlightState.FLYING, yaw=yaw, v_body=np.zeros(3), height=1.0)
-
-
-def pose_at(stamp: float, yaw: float) -> PoseMeasurement:
-    return PoseMeasurement(stamp, np.array([0.0, 0.0, 1.0]), yaw, P, "registration")
-
-
-def test_a_fusion_begins_with_the_half_turn_that_the_vehicle_says():
-    fusion = Fusion(("onboard", "depth"), TRUE, Sensors())
-    fusion.pose(pose_at(0.0, 0.1), True, 0.04)
-    assert not fusion.begun  # nothing was reported yet
-    fusion.report(report(0.0, 0.6), 0.06)
-    turned = fusion.faced(pose_at(0.1, 0.1 + math.pi))
-    assert turned.yaw == pytest.approx(0.1)
-    fusion.pose(turned, False, 0.14)
-    assert fusion.begun
-    assert fusion.estimate(0.2).yaw == pytest.approx(0.1, abs=0.01)
-    assert fusion.faced(pose_at(0.2, 0.1 - math.pi)).yaw == pytest.approx(0.1)
-
-
-def test_a_fusion_of_a_vehicle_without_a_heading_waits_for_one_that_is_certain_from_above():
-    fusion = Fusion(("onboard", "depth"), TRUE, Sensors())
-    fusion.report(report(0.0, None), 0.05)
-    fusion.pose(pose_at(0.0, 0.1), False, 0.06)
-    assert not fusion.begun
-    assert fusion.prediction(0.1) is None
-    fusion.pose(pose_at(0.1, 0.1), True, 0.14)
-    assert fusion.begun
 
 
 def test_errors_are_judged_with_the_yaw_the_short_way_round():

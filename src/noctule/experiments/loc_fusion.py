@@ -21,13 +21,13 @@ from noctule.estimation.reports import Reports
 from noctule.estimation.sensor_calibration import calibrate_onboard
 from noctule.estimation.sensors import Sensors
 from noctule.experiments.ceiling import RATE, TaughtCamera, teach_camera
-from noctule.experiments.fusing import Fusion
 from noctule.experiments.hand_flight import SECONDS, HandFlight, fly_by_hand
 from noctule.experiments.judging import Errors, judge_estimate, judge_heading, judge_pose, judge_report
 from noctule.experiments.loc_identification import TRUE
 from noctule.flight.depth_scene import passer_by
 from noctule.flight.sensor_recording import SensorRecorder
 from noctule.geometry import Array, wrap_angle
+from noctule.localization.fusion import Fusion
 from noctule.localization.heading.markers import MarkerHeading
 from noctule.localization.heading.near import heading_near
 from noctule.localization.locator import Located
@@ -171,7 +171,7 @@ def sense(
                 found.turned += abs(wrap_angle(pose.yaw - located.measurement.yaw)) > 1.0
                 judge_pose(found.sources["depth"], flight.at(what.stamp), pose)
                 for fusion in told:
-                    fusion.pose(fusion.faced(pose), located.heading_certain, now)
+                    fusion.pose(located.measurement, located.heading_certain, now)
                 if fused.begun:
                     judged_from = min(judged_from, now + SETTLED)
             if heading is not None:

@@ -1,11 +1,15 @@
-"""Sensors that measure a flight, and the network that fuses them, on the flight's own time."""
+"""The drone's sensors and the network that fuses them, in one process: for pilots, experiments and replay.
+
+Measurements come in as the sensors make them, at the caller's time; the calibration of the site is taken off
+here. What is fused goes back to the locator as its prediction.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-from noctule.estimation.delayed import FilterSettings
+from noctule.estimation.delayed import DEFAULTS, FilterSettings
 from noctule.estimation.events import Input
 from noctule.estimation.filter_state import Prior, StateEstimate, start_at
 from noctule.estimation.measurements import Measurement, of_heading, of_pose, of_vehicle_state
@@ -22,16 +26,29 @@ _START = Prior(position=0.05, yaw=0.1, velocity=0.5, yaw_rate=1.0)
 
 
 class Fusion:
-    """A network that begins with the first pose after the vehicle's first report."""
+    """A network that begins with the first pose after the vehicle's first report. Deterministic; no clock.
 
-    def __init__(self, nodes: Sequence[str], model: VehicleModel, sensors: Sensors) -> None:
+    Parameters
+    ----------
+    nodes : "onboard" and "depth", and "markers" where they are a third node
+    model : the vehicle's, for predictions by the commands sent
+    sensors : the site's calibration
+    settings : the filter's; how fast its biases walk is taken from `sensors`
+    """
+
+    def __init__(
+        self,
+        nodes: Sequence[str],
+        model: VehicleModel | None,
+        sensors: Sensors,
+        settings: FilterSettings = DEFAULTS,
+    ) -> None:
         self._names = tuple(nodes)
         self._model = model
         self._sensors = sensors
-        defaults = FilterSettings()
-        noise = sensors.onboard.process_noise(defaults.noise)
-        unknown = sensors.onboard.process_noise(defaults.noise_without_commands)
-        self._settings = defaults.model_copy(update={"noise": noise, "noise_without_commands": unknown})
+        walks = sensors.onboard.process_noise
+        noises = {"noise": settings.noise, "noise_without_commands": settings.noise_without_commands}
+        self._settings = settings.model_copy(update={name: walks(noise) for name, noise in noises.items()})
         self._network: Network | None = None
         self._count = 0
         self._heard = False
@@ -73,12 +90,12 @@ class Fusion:
         return pose if known is None else replace(pose, yaw=nearest_turn(pose.yaw, known, HALF_TURN))
 
     def pose(self, pose: PoseMeasurement, certain: bool, now: float) -> None:
-        """Hand a located drone to the node of the depth camera.
+        """Hand a located drone to the node of the depth camera, turned as `faced` has it.
 
         It begins with the first after a report; where the vehicle says nothing of its heading, with the first
         whose half turn is `certain` from above.
         """
-        corrected = self._sensors.depth.corrected(pose)
+        corrected = self.faced(self._sensors.depth.corrected(pose))
         if self._network is None and self._heard and (certain or self._heading is not None):
             start = start_at(corrected.stamp, corrected.position, corrected.yaw, _START, SIZE)
             self._network = Network([Node(name, start, self._model, self._settings) for name in self._names])
