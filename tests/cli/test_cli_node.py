@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import signal
 import socket
 import sys
 import threading
@@ -147,6 +148,19 @@ def test_a_drill_alone_measures_its_part_and_judges_itself(alone):
     assert said.code == 0
     assert 0 < told["shared"] <= told["measured"]
     assert told["drill"].keys() == {"judged", "nees_per_state", "nees_by_second"}
+
+
+def test_a_service_manager_ends_a_node_as_ctrl_c_does(alone, monkeypatch):
+    def run_node(member, wire, readings, watchers, stop, until) -> None:
+        assert not stop.is_set()
+        signal.raise_signal(signal.SIGTERM)
+        assert stop.is_set()
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr("noctule.flight.network.process.run_node", run_node)
+    said = alone("fusion", "--out", "o", "--json")
+    assert said.last_json["node"] == "fusion"
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 class Scripted:

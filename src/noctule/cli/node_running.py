@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -55,7 +56,7 @@ def run_prepared(
     status = Status(node.begin, sys.stderr if as_json else sys.stdout)
     watchers: list[Watcher] = [status.show] if judge is None else [judge, status.show]
     summary: dict[str, Any] = {}
-    with ExitStack() as open_, interruptible() as stopped:
+    with ExitStack() as open_, interruptible() as stopped, _ended_by_service(stopped):
         wire = open_.enter_context(Wire(node.name, node.endpoints))
         if record:
             folder = out_folder(out, "fusion")
@@ -78,6 +79,19 @@ def run_prepared(
         found["drill"] = judge.summary()
     print(json.dumps(found, default=str, allow_nan=False) if as_json else in_words(found))
     return 0 if node.member.shared + node.member.assimilated else 1
+
+
+@contextmanager
+def _ended_by_service(stopped: threading.Event) -> Iterator[None]:
+    """Let what a service manager sends end a node as Ctrl-C does, with its files and its summary."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda number, frame: stopped.set())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _drilled(drill: Drill, role: str, stop: threading.Event) -> Iterable[Reading]:
