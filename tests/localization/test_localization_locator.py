@@ -198,3 +198,36 @@ def test_outside_the_picture_is_said():
     reason = it.step(frame(5), away).reason
     assert reason.startswith("outside the picture: it would be at (")
     assert reason.endswith(" px of 480x360")
+
+
+def test_a_drone_that_was_hidden_for_a_moment_goes_on_without_being_confirmed():
+    it = locator()
+    fly(it, range(10))
+    for k in range(10, 40):  # a second: longer than the track coasts
+        assert it.step(frame(k)).measurement is None
+    back = it.step(frame(40, drone(orbit(10))))
+    assert back.measurement is not None
+    assert back.heading_certain
+    assert abs(wrap_angle(back.measurement.yaw - orbit(10).yaw)) < math.radians(4.0)
+
+
+def test_a_drone_that_comes_back_elsewhere_is_confirmed_first():
+    it = locator()
+    fly(it, range(10))
+    for k in range(10, 40):
+        it.step(frame(k))
+    elsewhere = Pose(orbit(10).position + np.array([-0.5, 0.0, 0.0]), 0.4)
+    answers = [it.step(frame(k, drone(elsewhere))) for k in range(40, 43)]
+    assert [a.measurement is not None for a in answers] == [False, False, True]
+
+
+def test_the_right_thing_is_found_though_the_detector_proposes_another():
+    class Wrong:
+        def propose(self, blobs, camera):
+            return tuple(sorted(blobs, key=lambda b: -b.area))[:1]
+
+    it = Locator(CAMERA, background(), template(), Wrong())
+    person = Thing(Pose(np.array([0.9, 0.9, 0.0]), 0.3), PERSON)
+    answers = [it.step(frame(k, drone(HOME), person)) for k in range(3)]
+    assert answers[-1].measurement is not None
+    assert np.linalg.norm(answers[-1].measurement.position - HOME.position) < 0.03

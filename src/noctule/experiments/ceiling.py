@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -62,8 +63,12 @@ class TaughtCamera:
         return _locator(self.camera, self.background, self.template, self.detectors, self.offset)
 
 
+@lru_cache(maxsize=1)
 def teach_camera(seed: int, hull: bool, markers: bool = False) -> TaughtCamera:
-    """Draw a room and teach its camera: background, manual flight, template, detectors, offset."""
+    """Draw a room and teach its camera: background, manual flight, template, detectors, offset.
+
+    The last one is kept: its stage draws every frame anew, by its stamp.
+    """
     spec = CeilingSpec(hull=hull, markers=markers)
     stage = DepthStage(spec, seed)
     camera = stage.camera

@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -27,6 +28,7 @@ from noctule.simulation.ceiling import Motion, ThingPose, Walker, manual_flight
 from noctule.vision.depth import find_blobs
 
 FRAMES = 1200
+_TIMED = 200  # frames for Fig. 12
 METHODS = ("cubics", "band", "hu", "tracked")
 _NEAR = 0.15  # [m], what is accepted within this of the drone is the drone
 _APART = 3  # [px] between outlines
@@ -110,6 +112,14 @@ def measure_detection(
     seed: int, hull: bool, frames: int = FRAMES, progress: Progress = lambda _: None
 ) -> dict[str, Any]:
     """Return the figures of one seed, by method, and the share of frames in which the drone is apart."""
+    apart, tallies = watch(seed, hull, frames, progress)
+    return {"apart": float(apart.mean()), **{name: tallies[name].figures(apart) for name in METHODS}}
+
+
+def watch(
+    seed: int, hull: bool, frames: int, progress: Progress = lambda _: None
+) -> tuple[NDArray[np.bool_], dict[str, Tally]]:
+    """Return in which frames (n,) the drone can be seen apart, and what every method said."""
     taught = teach_camera(seed, hull)
     rng = np.random.default_rng([seed, 8])
     things_that_move = company(rng)
@@ -137,4 +147,20 @@ def measure_detection(
         seen = located.measurement
         tallies["tracked"].add([] if seen is None else [seen.position], pose.position, spent)
         progress(k + 1)
-    return {"apart": float(apart.mean()), **{name: tallies[name].figures(apart) for name in METHODS}}
+    return apart, tallies
+
+
+def draw_detection(seed: int, hull: bool, folder: Path) -> None:
+    """Draw Fig. 11 and Fig. 12 of Santos et al., and the learned top view, into a folder."""
+    from noctule.reports.detector_figures import write_detector_figure, write_timing_figure
+    from noctule.reports.template_figure import write_template_figure
+
+    taught = teach_camera(seed, hull)
+    write_detector_figure(
+        taught.samples, taught.detectors.cubics, taught.detectors.band, folder / "figure-11.png"
+    )
+    _, tallies = watch(seed, hull, _TIMED)
+    # The first frames compile and warm up.
+    times = {name: 1e3 * np.array(tally.times[_TIMED // 10 :]) for name, tally in tallies.items()}
+    write_timing_figure(times, folder / "figure-12.png")
+    write_template_figure(taught.template, folder / "template.png")

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import Field
 
-from noctule.experiments.loc_detection import FRAMES, measure_detection
+from noctule.experiments.loc_detection import FRAMES, draw_detection, measure_detection
 from noctule.experiments.loc_fusion import FusionOptions, keep_fusion, measure_fusion
 from noctule.experiments.loc_identification import IdentificationOptions, fly_vehicle, run
 from noctule.experiments.loc_pose import POSES, measure_poses
@@ -37,7 +37,7 @@ class MeasuredExperiment:
     options: type[Settings]
     measure: Callable[[int, Any, Callable[[int], None]], Mapping[str, Any]]  # seed, options, progress
     steps: Callable[[Any], int]  # how many progress counts to, by options
-    keep: Callable[[int, Any, Path], object] | None = None  # leaves a seed's recordings in a folder
+    keep: Callable[[int, Any, Path], object] | None = None  # leaves files of a seed in a folder
 
 
 def _detection(seed: int, options: CeilingOptions, progress: Callable[[int], None]) -> Mapping[str, Any]:
@@ -64,6 +64,7 @@ MEASURED: dict[str, MeasuredExperiment] = {
         CeilingOptions,
         _detection,
         lambda _: FRAMES,
+        lambda seed, options, folder: draw_detection(seed, options.hull, folder),
     ),
     "loc-pose": MeasuredExperiment(
         "How true the pose of a single frame is.", PoseOptions, _poses, lambda options: options.poses

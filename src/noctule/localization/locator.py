@@ -34,6 +34,7 @@ _STEP = 0.04  # [m], of the search's shifts
 _MOST_STEPS = 4
 # [m], [rad], and deviations of the prediction, that a drone may be off
 _AGREE, _AGREE_TURN = 0.15, 0.5  # [m], [rad] that frames may differ by and yet have seen the same drone
+_REMEMBERED = 2.0  # [s], so long a lost drone that is found where it was needs no confirmation
 _JUMP, _TURN, _SIGMAS = 0.03, 0.06, 4.0
 _UNKNOWN_YAW = (math.pi / 2.0) ** 2  # [rad^2], added to the variance while the half turn is undecided
 
@@ -76,7 +77,7 @@ class Locator:
         self._health = FrameHealth(camera.intrinsics, background)
         self._track: Track | None = None
         self._candidate: tuple[Track, int] | None = None  # and the frames that agreed
-        self._lost_at: Array | None = None  # (3,) [m]
+        self._lost: Track | None = None  # as it was seen last, while it is searched for
         self._seen = False
         self._sure = 0.0  # [s], when a frame last left no doubt
 
@@ -84,6 +85,11 @@ class Locator:
     def track(self) -> Track | None:
         """The drone as last seen, None when it must be searched for."""
         return self._track
+
+    @property
+    def _last(self) -> Track | None:
+        """The drone as last seen, also when it is lost."""
+        return self._lost if self._track is None else self._track
 
     def step(self, frame: DepthFrame, prediction: Prediction | None = None) -> Located:
         """Look at a frame; `prediction` is a filter's for its exposure. Never raises for a bad frame."""
@@ -101,7 +107,7 @@ class Locator:
                 self._candidate = None
                 return self._accept(frame.stamp, self._track.follow(frame.stamp, found), found)
             if frame.stamp - self._track.stamp > self.settings.coast:
-                self._lost_at = self._track.pose.position
+                self._lost = self._track
                 self._track = None
         return self._search(scene, frame.stamp, reason, looked)
 
@@ -161,41 +167,61 @@ class Locator:
     def _search(self, scene: Scene, stamp: float, reason: str, looked: LocatorDiagnostics) -> Located:
         """Look at the blobs; a drone must be confirmed over a few frames before it is believed."""
         _, blobs = find_blobs(scene.depth, self._background, self.camera.intrinsics, self.settings.min_area)
-        proposed = self._proposed(blobs)
-        places = [self._position(blob) for blob in proposed]
-        if self._lost_at is not None:
-            # A hidden drone, or one that something stands beside, is no blob of its own.
-            places.append(self._lost_at)
-        best: Registration | None = None
-        for place in places:
-            found = acquire(scene, place)
-            if self._is_start(found) and (best is None or found.score > best.score):
-                best = found
-        looked = replace(looked, proposals=len(proposed))
+        best, looked_at = self._best_start(scene, blobs)
+        looked = replace(looked, proposals=looked_at)
         if best is None:
             self._candidate = None
-            return self._without(stamp, reason or _nothing(len(blobs), len(proposed)), looked)
+            return self._without(stamp, reason or _nothing(len(blobs), looked_at), looked)
         track, agreed = self._agreed(stamp, best)
         if agreed >= self.settings.start_frames:
             self._candidate, self._sure = None, stamp
-            return self._accept(stamp, track, best, len(proposed))
+            return self._accept(stamp, track, best, looked_at)
         self._candidate = (track, agreed)
         confirming = f"confirming: a drone was found in {agreed} of {self.settings.start_frames} frames"
         return self._without(stamp, confirming, looked)
 
+    def _best_start(self, scene: Scene, blobs: Sequence[Blob]) -> tuple[Registration | None, int]:
+        """Return the best drone that is found anew, and how many places were looked at.
+
+        A detector knows only the heights that it was shown, and what is near may hide in one blob with
+        something else: where its proposals are none, the place of the loss and then all things of a plausible
+        size are looked at. The registration confirms in any case.
+        """
+        proposed = () if self._detector is None else self._detector.propose(blobs, self.camera)
+        last = self._last
+        lost = [] if last is None else [last.pose.position]
+        known = {blob.label for blob in proposed}
+        rest = [b for b in self._plausible(join_splinters(blobs, self.camera)[0]) if b.label not in known]
+        looked_at = 0
+        for places in ([self._position(b) for b in proposed] + lost, [self._position(b) for b in rest]):
+            found = [acquire(scene, place) for place in places]
+            looked_at += len(places)
+            starts = [one for one in found if self._is_start(one)]
+            if starts:
+                return max(starts, key=lambda one: one.score), looked_at
+        return None, looked_at
+
     def _agreed(self, stamp: float, found: Registration) -> tuple[Track, int]:
         """Return the track of a candidate, and the frames in a row that agree on it."""
+        last = self._last
+        if last is not None and stamp - last.stamp < _REMEMBERED:
+            resumed = self._resumed(last, stamp, found)
+            if resumed is not None:
+                return resumed, self.settings.start_frames
         if self._candidate is not None:
             track, agreed = self._candidate
-            expected = track.predict(stamp)
-            held = facing_as(found.pose, expected.pose.yaw)
-            away = float(np.linalg.norm(held.position - expected.pose.position))
-            turn = abs(wrap_angle(held.yaw - expected.pose.yaw))
-            if away < _AGREE and turn < _AGREE_TURN:
-                evidence = found.half_turn if held is found.pose else -found.half_turn
-                return track.follow(stamp, replace(found, pose=held, half_turn=evidence)), agreed + 1
+            held = _held(found, track.predict(stamp).pose, _AGREE, _AGREE_TURN)
+            if held is not None:
+                return track.follow(stamp, held), agreed + 1
         track = Track.start(stamp, found.pose)
         return replace(track, half_turn=track.half_turn.add(found.half_turn)[0]), 1
+
+    def _resumed(self, lost: Track, stamp: float, found: Registration) -> Track | None:
+        """Return the track of a drone that is where it was lost and turned as it was, None otherwise."""
+        held = _held(found, lost.pose, _AGREE, _AGREE_TURN)
+        if held is None:
+            return None
+        return replace(Track.start(stamp, held.pose), half_turn=lost.half_turn.add(held.half_turn)[0])
 
     def _is_start(self, found: Registration) -> bool:
         s = self.settings
@@ -208,14 +234,6 @@ class Locator:
         position[2] -= self._matcher.template.surface
         return np.asarray(position)
 
-    def _proposed(self, blobs: Sequence[Blob]) -> tuple[Blob, ...]:
-        """Return what the detector proposes; where that is nothing, all that is of a plausible size.
-
-        A detector knows only the heights that it was shown, and the registration confirms in any case.
-        """
-        proposed = () if self._detector is None else self._detector.propose(blobs, self.camera)
-        return proposed or self._plausible(join_splinters(blobs, self.camera)[0])
-
     def _plausible(self, blobs: Sequence[Blob]) -> tuple[Blob, ...]:
         """Return the blobs that are not much larger or smaller than the template."""
         t = self._matcher.template
@@ -224,7 +242,7 @@ class Locator:
         return tuple(b for b in blobs if 0.3 * area < b.area * b.depth**2 / (fx * fy) < 6.0 * area)
 
     def _accept(self, stamp: float, track: Track, found: Registration, proposals: int = 0) -> Located:
-        self._track, self._seen, self._lost_at = track, True, None
+        self._track, self._seen, self._lost = track, True, None
         certain = track.half_turn.facing is Facing.CERTAIN
         covariance = (
             found.covariance if certain else found.covariance + np.diag([0.0, 0.0, 0.0, _UNKNOWN_YAW])
@@ -239,6 +257,19 @@ class Locator:
     def _without(self, stamp: float, reason: str, looked: LocatorDiagnostics | None = None) -> Located:
         state = LocatorState.LOST if self._seen else LocatorState.SEARCHING
         return Located(stamp, state, None, reason, diagnostics=looked or LocatorDiagnostics())
+
+
+def _held(found: Registration, near: Pose, away: float, turn: float) -> Registration | None:
+    """Return what was found with the half turn nearest to a pose, None when it is not that pose's drone.
+
+    `away` [m] and `turn` [rad] are what it may differ by.
+    """
+    held = facing_as(found.pose, near.yaw)
+    if float(np.linalg.norm(held.position - near.position)) >= away:
+        return None
+    if abs(wrap_angle(held.yaw - near.yaw)) >= turn:
+        return None
+    return replace(found, pose=held, half_turn=found.half_turn if held is found.pose else -found.half_turn)
 
 
 def _diagnostics(found: Registration) -> LocatorDiagnostics:
