@@ -1,6 +1,8 @@
 """Path files: what they hold, and every mistake in one line with file, line and field."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,8 +75,6 @@ def _here(tmp_path, monkeypatch):
 
 
 def read(text, name="path.toml", limits=None):
-    from pathlib import Path
-
     file = Path(name)
     file.write_text(text, encoding="utf-8")
     return read_space_path(file, limits)
@@ -96,6 +96,20 @@ def test_the_paths_of_the_experiments_can_be_written_down():
     made = read(ellipse.replace('rule = "fixed"', 'rule = "along"').replace("yaw_deg = 180", ""))
     np.testing.assert_allclose(made.path.position, loc_1().path.position)
     assert made.heading == AlongPath()
+
+
+def test_the_files_that_the_documentation_shows_are_valid():
+    page = (Path(__file__).parents[2] / "docs" / "path-following.md").read_text("utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
+    made, wanted = read(example), loc_2()
+    np.testing.assert_allclose(made.path.position, wanted.path.position)
+    assert (made.timed, made.heading, made.laps) == (wanted.timed, wanted.heading, None)
+    (example,) = re.findall(r"```csv\n(.*?)```", page, flags=re.DOTALL)
+    assert read(example, "way.csv").path.length == pytest.approx(2.08, abs=0.01)
+    (code,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    names: dict = {"__name__": "page"}
+    exec(code, names)
+    assert not names["follower"].finished
 
 
 def test_pieces_are_joined_each_with_its_own_speed():

@@ -1,6 +1,8 @@
 """The follower in closed loop on the simulator's dynamics; figures of the experiments are upper bounds."""
 
 import math
+import subprocess
+import sys
 from functools import cache
 
 import numpy as np
@@ -261,6 +263,32 @@ def test_an_estimate_that_is_not_finite_is_refused_and_leaves_no_trace():
     assert str(caught.value) == ("follower: the estimate at 0.03 s is not finite; hover until it is again")
     commands = [follower.step(at(0.06, x), 0.06)[0] for follower in followers]
     assert commands[0] == commands[1]
+
+
+COMPILING = """
+import numpy as np
+from noctule.control.cascade import cascade, disturbance_after, predict_over_delay
+from noctule.control.paths import loc_1
+from noctule.control.paths.nearest import nearest_between
+from noctule.control.paths.space_path import sample
+from noctule.estimation.filter_state import StateEstimate
+from noctule.estimation.vehicle_model import VehicleModel
+from noctule.pilots.path_follower import PathFollower, warm_up
+
+warm_up()
+functions = (cascade, disturbance_after, predict_over_delay, nearest_between, sample)
+before = [len(f.signatures) for f in functions]
+follower = PathFollower(loc_1(), VehicleModel.identified(delay=0.02), np.ones(4))
+for k in range(200):
+    x = np.append(loc_1().path.at(0.01 * k).position, [1.6, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    follower.step(StateEstimate(k / 30, x, np.eye(11)), k / 30)
+assert before == [1] * 5 == [len(f.signatures) for f in functions], before
+"""
+
+
+def test_after_the_warm_up_nothing_is_left_to_compile():
+    done = subprocess.run([sys.executable, "-c", COMPILING], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def fails(model, limits):

@@ -244,3 +244,13 @@ class PathFollower:
             holding=progress.holding,
             finished=self.finished,
         )
+
+
+def warm_up() -> None:
+    """Compile all that a tick runs, so that the first tick of a flight does not wait for it."""
+    way = straight((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), 0.0, SpeedSettings())
+    settings = FollowerSettings(go_to_start=False, cascade=CascadeSettings(disturbance_rate=1.0))
+    follower = PathFollower(way, VehicleModel.velocity_loop(0.3, delay=0.1), np.ones(4), settings)
+    x = np.array([0.0, 0.0, 1.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+    for tick in range(3):
+        follower.step(StateEstimate(0.03 * tick, x, np.eye(8)), 0.03 * tick)
