@@ -65,7 +65,7 @@ def test_json_has_every_sensor_with_its_table(noctule, flight):
     assert onboard["heading"]["corrected_sd_deg"] < 0.3 * onboard["heading"]["sd_deg"]
     assert len(onboard["heading"]["table"]) == 10
     assert onboard["velocity_sd"] == pytest.approx(0.05, rel=0.2)
-    assert set(told["markers"]) == {"delay_s", "heading"}
+    assert set(told["markers"]) == {"delay_s", "delay_sd_s", "heading"}
 
 
 def test_markers_are_the_reference_where_they_are_asked_for(noctule, flight):

@@ -68,7 +68,21 @@ def test_an_onboard_sensor_gets_back_what_was_put_in():
 @settings(max_examples=8, deadline=None)
 def test_any_delay_is_found(delay, seed):
     found, _ = calibrate_onboard(reports(delay, seed=seed), TRUTH)
-    assert found.delay == pytest.approx(delay, abs=0.004)
+    assert found.delay == pytest.approx(delay, abs=max(0.004, 3.0 * found.delay_sd))
+    assert 0.0 < found.delay_sd < 0.005
+
+
+def test_a_delay_that_cannot_be_told_from_none_is_none():
+    found, _ = calibrate_onboard(reports(0.0), TRUTH)
+    assert found.delay == 0.0
+    assert found.delay_sd > 0.0
+
+
+def test_no_delay_is_looked_for_between_sensors_of_the_same_frames():
+    stamps = np.arange(0.6, 59.0, 1 / 30)
+    late = Reports(stamps, TRUTH.yaw_at(stamps - 0.1))
+    found, _ = calibrate_room("depth", late, TRUTH, same_exposures=True)
+    assert (found.delay, found.delay_sd) == (0.0, 0.0)
 
 
 def test_the_bias_of_the_climb_makes_its_noise_larger():

@@ -53,7 +53,7 @@ def figures_of(found: SensorFlight) -> dict[str, Any]:
     of: dict[str, Any] = {"reference": found.reference}
     for name, errors in found.headings.items():
         sensor = getattr(found.sensors, name)
-        of[name] = {"delay_s": sensor.delay, "heading": _heading(errors)}
+        of[name] = {"delay_s": sensor.delay, "delay_sd_s": sensor.delay_sd, "heading": _heading(errors)}
         if name == "onboard":
             of[name] |= {
                 **sensor.noise.model_dump(),
@@ -105,9 +105,9 @@ def in_words(told: dict[str, Any]) -> str:
         of = told[name]
         heading = of["heading"]
         lines.append(
-            f"{name}: stamps {1e3 * of['delay_s']:+.1f} ms late; heading {heading['mean_deg']:+.2f} ± "
-            f"{heading['sd_deg']:.2f} deg, corrected {heading['corrected_sd_deg']:.2f} deg sd, of which "
-            f"{heading['noise_deg']:.2f} is noise"
+            f"{name}: stamps {1e3 * of['delay_s']:+.1f} ± {1e3 * of['delay_sd_s']:.1f} ms late; heading "
+            f"{heading['mean_deg']:+.2f} ± {heading['sd_deg']:.2f} deg, corrected "
+            f"{heading['corrected_sd_deg']:.2f} deg sd, of which {heading['noise_deg']:.2f} is noise"
         )
         if name == "onboard":
             lines.append(

@@ -24,6 +24,7 @@ SHORTEST = 30.0  # [s]
 SECTORS = 12  # of 30 deg, each of which has to be flown
 _FEWEST = 5  # headings in a sector
 _EARLIEST, _LATEST, _DELAY_STEP = -0.1, 0.4, 0.005  # [s], delays that are looked for
+_SIGMAS = 3.0  # a delay is one
 _BLOCK = 2.0  # [s], over which noise averages out and what walks does not
 
 
@@ -60,7 +61,7 @@ def calibrate_onboard(reports: Reports, reference: Reference) -> tuple[OnboardSe
     Velocities and heights are judged where the reference knows positions, else believed as by default.
     """
     assert reports.yaw is not None
-    kept, delay = _aligned("onboard", reports, reference)
+    kept, delay, delay_sd = _aligned("onboard", reports, reference)
     t = kept.stamps - delay
     assert kept.yaw is not None
     heading = heading_errors("onboard", t, kept.yaw, reference)
@@ -83,6 +84,7 @@ def calibrate_onboard(reports: Reports, reference: Reference) -> tuple[OnboardSe
     found = OnboardSensors(
         noise=NavdataNoise(**noise),
         delay=delay,
+        delay_sd=delay_sd,
         height_bias=height_bias,
         heading=heading.correction,
         heading_walk=max(0.001, heading.walk),
@@ -92,25 +94,26 @@ def calibrate_onboard(reports: Reports, reference: Reference) -> tuple[OnboardSe
 
 
 def calibrate_room(
-    name: str, reports: Reports, reference: Reference, positions: bool = True
+    name: str, reports: Reports, reference: Reference, same_exposures: bool = False
 ) -> tuple[RoomSensor, HeadingErrors]:
     """Return the calibration of a sensor in the room and its headings' errors; raises SensorFlightError.
 
-    `positions` says whether the reference's positions are of something better than this sensor.
+    `same_exposures` says that the reference is of the same frames, so that no delay has to be looked for.
     """
     assert reports.yaw is not None
-    kept, delay = _aligned(name, reports, reference)
+    kept, delay, delay_sd = _aligned(name, reports, reference, same_exposures)
     t = kept.stamps - delay
     assert kept.yaw is not None
     heading = heading_errors(name, t, kept.yaw, reference)
     bias, sd = np.zeros(3), np.zeros(3)
-    if positions and kept.position is not None and reference.position is not None:
+    if kept.position is not None and reference.position is not None:
         off = kept.position - reference.position_at(t)
         bias, sd = off.mean(axis=0), off.std(axis=0)
     x, y, z = bias.tolist()
     sd_x, sd_y, sd_z = sd.tolist()
     found = RoomSensor(
         delay=delay,
+        delay_sd=delay_sd,
         position_bias=(x, y, z),
         position_sd=(sd_x, sd_y, sd_z),
         heading=heading.correction,
@@ -149,8 +152,14 @@ def heading_table(errors: HeadingErrors, sectors: int = 10) -> list[Sector]:
     return found
 
 
-def _aligned(name: str, reports: Reports, reference: Reference) -> tuple[Reports, float]:
-    """Return the reports that the reference covers at any delay, and the delay with the least left over."""
+def _aligned(
+    name: str, reports: Reports, reference: Reference, same_exposures: bool = False
+) -> tuple[Reports, float, float]:
+    """Return the reports that the reference covers at any delay, the delay with the least left over, its sd.
+
+    Where the turning is the same at each passing of a heading a delay looks like a bias by the heading; one
+    that is not three deviations from 0 is taken for 0.
+    """
     safe = reference.covers(reports.stamps - _EARLIEST) & reference.covers(reports.stamps - _LATEST)
     kept = reports.part(safe)
     seconds = float(kept.stamps[-1] - kept.stamps[0]) if kept.stamps.size > 1 else 0.0
@@ -161,6 +170,8 @@ def _aligned(name: str, reports: Reports, reference: Reference) -> tuple[Reports
         )
     _check_headings(name, reference.yaw_at(kept.stamps))
     kept = kept.faced(reference, 2.0 * math.pi)
+    if same_exposures:
+        return kept, 0.0, 0.0
     delays = np.arange(_EARLIEST, _LATEST + 1e-9, _DELAY_STEP)
     assert kept.yaw is not None
     basis, _ = np.linalg.qr(_basis(kept.yaw, kept.stamps))
@@ -172,8 +183,10 @@ def _aligned(name: str, reports: Reports, reference: Reference) -> tuple[Reports
             "one; are the stamps of one clock, and did the drone move?"
         )
     below, least, above = costs[k - 1 : k + 2]
-    shift = 0.5 * (below - above) / (below - 2.0 * least + above)
-    return kept, float(delays[k] + shift * _DELAY_STEP)
+    bend = below - 2.0 * least + above
+    delay = float(delays[k] + 0.5 * (below - above) / bend * _DELAY_STEP)
+    sd = _DELAY_STEP * math.sqrt(2.0 / bend)
+    return kept, delay if abs(delay) > _SIGMAS * sd else 0.0, sd
 
 
 def _left_over(reports: Reports, reference: Reference, delay: float, basis: Array) -> float:

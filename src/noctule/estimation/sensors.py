@@ -59,6 +59,9 @@ class OnboardSensors(Settings):
 
     noise: NavdataNoise = NavdataNoise()
     delay: Seconds = 0.0
+    delay_sd: float = Field(
+        0.0, ge=0.0, le=10.0, description="of what was found [s]; 0 where none was looked for"
+    )
     height_bias: Metres = Field(0.0, description="[m], subtracted")
     heading: HeadingCorrection = HeadingCorrection()
     # What is left of the biases moves: so much the filter lets them.
@@ -84,6 +87,9 @@ class RoomSensor(Settings):
     """A sensor in the room: the registered depth, or the markers."""
 
     delay: Seconds = 0.0
+    delay_sd: float = Field(
+        0.0, ge=0.0, le=10.0, description="of what was found [s]; 0 where none was looked for"
+    )
     position_bias: tuple[Metres, Metres, Metres] = Field((0.0, 0.0, 0.0), description="[m], subtracted")
     position_sd: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="[m], at least")
     heading: HeadingCorrection = HeadingCorrection()

@@ -72,9 +72,10 @@ def calibrate_sensors(
         found = found.model_copy(update={"onboard": onboard})
     if len(log.poses) >= _FEWEST:
         reports = Reports.of_poses(log.poses).faced(reference)
-        if kind == "markers":  # their positions are the reference's: no delay is to be seen in them
+        by_markers = kind == "markers"
+        if by_markers:  # its positions are the reference's
             reports = replace(reports, position=None)
-        depth, headings["depth"] = calibrate_room("depth", reports, reference)
+        depth, headings["depth"] = calibrate_room("depth", reports, reference, same_exposures=by_markers)
         found = found.model_copy(update={"depth": depth})
     if kind == "truth" and len(log.headings) >= _FEWEST:
         reports = Reports.of_headings(log.headings)
