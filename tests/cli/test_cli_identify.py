@@ -140,7 +140,8 @@ def test_residuals_that_are_no_noise_are_told():
     summary = {
         "method": "output-error",
         "parameters": {f"k{i}": flat for i in range(1, 9)},
-        "delay_s": 0.0667, "delay_sd_s": 0.0004,
+        "delay_s": 0.0667,
+        "delay_sd_s": 0.0004,
         "residuals": {
             axis: {"sd": 0.1, "correlation": 0.8 * (axis in ("up", "yaw"))}
             for axis in ("forward", "left", "up", "yaw")

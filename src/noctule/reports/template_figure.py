@@ -50,7 +50,7 @@ def _map(
     label: str,
 ) -> None:
     # Columns of the picture run to the right, and y of the body to the left.
-    half = 100.0 * template.grid.half
+    half = 50.0 * template.grid.cell * template.grid.n
     picture = axis.imshow(
         values[:, ::-1], origin="lower", extent=(half, -half, -half, half), cmap=colours,
         vmin=limits[0], vmax=limits[1], interpolation="nearest",

@@ -56,7 +56,7 @@ class NavdataSpec(Settings):
 
 def table_3_error(yaw: float) -> float:
     """Return what the paper's vehicle says too much of a heading `yaw` [rad], in [rad]."""
-    return float(np.interp(yaw % (2.0 * math.pi), _REFERENCE, _ERROR, period=2.0 * math.pi))
+    return float(np.interp(yaw, _REFERENCE, _ERROR, period=2.0 * math.pi))
 
 
 class Navdata:
