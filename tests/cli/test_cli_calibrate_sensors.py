@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from noctule.cli.measuring import figures_text
 from noctule.estimation.measurements import NavdataNoise
 from noctule.flight.sensor_recording import SensorRecorder
 from noctule.geometry import Pose, rot_z, wrap_angle
@@ -159,3 +160,15 @@ def test_loc_fusion_measures_with_the_options_that_are_asked(noctule, monkeypatc
     assert seed == 7
     assert (options.hull, options.person, options.markers) == (True, True, "node")
     assert said.last_json == {"seed": 7, "fused": {"yaw_sd_deg": 0.5, "position_rms_m": None}}
+
+
+def test_what_a_source_does_not_measure_is_a_dash():
+    text = figures_text(
+        {"onboard": {"yaw_sd_deg": 9.1, "position_rms_m": None}, "fused": {"position_rms_m": 0.004}}
+    )
+    assert [line.split() for line in text.splitlines()] == [
+        [],
+        ["yaw_sd_deg", "position_rms_m"],
+        ["onboard", "9.1", "-"],
+        ["fused", "0.004"],
+    ]

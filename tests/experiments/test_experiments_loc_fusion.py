@@ -146,7 +146,7 @@ def test_markers_are_compared_or_fused_never_both_and_fused_they_make_the_headin
 
 
 def test_a_seed_is_measured_step_by_step_and_leaves_its_recording(made_up, tmp_path):
-    experiment, options = MEASURED["loc-fusion"], FusionOptions(seconds=32.0)
+    experiment, options = MEASURED["loc-fusion"], FusionOptions(seconds=40.0)
     shown = []
     figures = experiment.measure(3, options, shown.append)
     assert shown == list(range(1, experiment.steps(options) + 1))

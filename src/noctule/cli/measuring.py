@@ -141,4 +141,6 @@ def _table(groups: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def _number(value: Any) -> str:
+    if value is None:  # not measured
+        return "-"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -52,7 +52,7 @@ class FusionOptions(Settings):
     hull: bool = Field(False, description="the drone wears its indoor hull")
     person: bool = Field(False, description="somebody walks by, at 0.6 m from the path")
     markers: Role = Field("truth", description="what the markers' heading is: judged against, or fused")
-    seconds: float = Field(SECONDS, ge=30.0, le=600.0, description="of each flight [s]")
+    seconds: float = Field(SECONDS, ge=40.0, le=600.0, description="of each flight [s]")
 
     @property
     def frames(self) -> int:
