@@ -107,3 +107,38 @@ def test_the_biases_walk_as_the_calibration_found_and_the_rest_is_the_settings()
         fusion.pose(pose_at(0.0, 0.1), True, 0.04)
     assert lively.estimate(1.0).sd[8] > 1.2 * calm.estimate(1.0).sd[8]
     assert lively.estimate(1.0).sd[0] == calm.estimate(1.0).sd[0]
+
+
+def fly_ahead(fusion: Fusion, said: float, seconds: float = 3.0, speed: float = 0.3) -> None:
+    """Fly along x with the nose ahead; the vehicle says the heading `said` [rad]."""
+    for k in range(int(30 * seconds)):
+        t = k / 30.0
+        v = np.array([speed, 0.0, 0.0])
+        fusion.report(VehicleState(t, FlightState.FLYING, yaw=said, v_body=v, height=1.0), t + 0.05)
+        # The view from above has lost the half turn too.
+        pose = PoseMeasurement(t, np.array([speed * t, 0.0, 1.0]), math.pi, P, "registration")
+        fusion.pose(pose, True, t + 0.05)
+
+
+@pytest.mark.parametrize("said", [0.2, 3.0, -2.6])
+def test_a_half_turn_that_contradicts_the_way_it_flies_is_mended(said):
+    fusion = Fusion(("onboard", "depth"), TRUE, Sensors())
+    fly_ahead(fusion, said)
+    assert abs(fusion.estimate(3.0).yaw) < 0.05
+    assert fusion.turns == int(abs(said) > math.pi / 2)
+
+
+def test_a_drone_that_hovers_says_nothing_of_its_half_turn():
+    fusion = Fusion(("onboard", "depth"), TRUE, Sensors())
+    fly_ahead(fusion, 3.0, speed=0.03)
+    assert fusion.turns == 0
+    assert abs(fusion.estimate(3.0).yaw) > 3.0
+
+
+def test_a_pose_later_than_what_is_remembered_is_dropped():
+    fusion = Fusion(("onboard", "depth"), TRUE, Sensors())
+    fly_ahead(fusion, 0.2)
+    before = fusion.estimate(3.0)
+    fusion.pose(pose_at(0.1, 0.0), True, 3.0)
+    assert fusion.prediction(0.1) is not None
+    np.testing.assert_array_equal(fusion.estimate(3.0).x, before.x)

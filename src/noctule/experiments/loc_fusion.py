@@ -82,6 +82,7 @@ class Sensed:
     headings: list[HeadingMeasurement] = field(default_factory=list)
     against_markers: list[float] = field(default_factory=list)  # [rad], fused less markers
     turned: int = 0  # frames whose half turn the fusion held to be the other one
+    mended: int = 0  # times that the fusion found its own half turn wrong
     refusals: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -156,10 +157,12 @@ def sense(
             if now < judged_from:
                 continue
             true = flight.at(now)
-            for name, fusion in seeing.items():
-                judge_estimate(found.sources[name], true, fusion.estimate(now))
-            for name, fusion in blind.items() if lost else ():
-                judge_estimate(found.without_camera[name], true, fusion.estimate(now))
+            judged = [(found.sources[name], fusion) for name, fusion in seeing.items()]
+            if lost:
+                judged += [(found.without_camera[name], fusion) for name, fusion in blind.items()]
+            for errors, fusion in judged:
+                if fusion.begun:  # one that mends its half turn begins anew
+                    judge_estimate(errors, true, fusion.estimate(now))
         else:
             told = tuple(seeing.values()) if lost else fusions
             located, heading = camera.look(what, fused)
@@ -180,10 +183,10 @@ def sense(
                 if options.markers == "node":
                     for fusion in told:
                         fusion.heading(heading, now)
-                elif now > judged_from:
+                elif now > judged_from and fused.begun:
                     found.against_markers.append(wrap_angle(fused.estimate(what.stamp).yaw - heading.yaw))
             progress(what.number + 1)
-    found.refusals = fused.refusals
+    found.refusals, found.mended = fused.refusals, fused.turns
     return found
 
 
@@ -228,6 +231,7 @@ def figures_of(sensed: Sensed) -> dict[str, Any]:
         "located_share": len(sensed.poses) / max(len(sensed.located), 1),
         "slips": sum(one.slipped for one in sensed.located),
         "half_turn_wrong_share": sensed.turned / max(len(sensed.poses), 1),
+        "half_turns_mended": sensed.mended,
         "refused": sum(sensed.refusals.values()),
         **{name: errors.figures() for name, errors in sensed.sources.items()},
         "without_camera": {name: errors.figures() for name, errors in sensed.without_camera.items()},
