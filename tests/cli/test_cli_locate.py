@@ -168,7 +168,7 @@ def test_the_offset_of_the_site_is_taken_off_and_the_detector_is_the_one_asked_f
     save_camera(Path("s"), SiteCamera(known.camera, known.lens, np.array([0.01, -0.02, 0.03])))
     pretended("locate", "--folder", "f", "--site", "s", "--out", "o", "--detector", "cubics")
     (locator,) = pretended.made
-    assert locator.offset.tolist() == [-0.01, 0.02, -0.03]
+    assert locator.offset.tolist() == [0.01, -0.02, 0.03]
     assert locator.detector.name == "cubics"
     pretended("locate", "--folder", "f", "--site", "s", "--out", "o")
     assert pretended.made[-1].detector.name == "band"
