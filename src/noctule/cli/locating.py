@@ -43,8 +43,7 @@ def locate_drone(
 
     from noctule.flight.depth_recording import DepthRecorder
     from noctule.flight.interrupt import interruptible
-    from noctule.localization.learning.bootstrap import MIN_AREA
-    from noctule.localization.locator import Locator, LocatorSettings
+    from noctule.localization.locator import Locator
 
     source = depth_source(options, "locate", "path", SECONDS)
     require_same_camera(source, camera)
@@ -53,7 +52,6 @@ def locate_drone(
         known.background,
         known.template,
         known.detectors.named(detector),
-        LocatorSettings(min_area=MIN_AREA),  # the blobs that detectors are fitted on
         offset=known.camera.offset,
     )
     folder = out_folder(out, "locate")

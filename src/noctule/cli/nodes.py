@@ -90,8 +90,7 @@ def node_depth(
     from noctule.cli.depth_options import depth_source
     from noctule.cli.depth_stream import require_same_camera
     from noctule.flight.network.sensing import located
-    from noctule.localization.learning.bootstrap import MIN_AREA
-    from noctule.localization.locator import Locator, LocatorSettings
+    from noctule.localization.locator import Locator
     from noctule.localization.site import load_site
 
     known = load_site(site)
@@ -102,7 +101,6 @@ def node_depth(
         known.background,
         known.template,
         known.detectors.named(detector),
-        LocatorSettings(min_area=MIN_AREA),  # the blobs that detectors are fitted on
         offset=known.camera.offset,
     )
     return run_prepared(

@@ -21,11 +21,10 @@ from noctule.localization.heading.ellipse import EllipseHeading
 from noctule.localization.heading.markers import MarkerHeading
 from noctule.localization.heading.method import HeadingMethod
 from noctule.localization.heading.shape import AXIS, HARMONIC, PLANE
-from noctule.localization.learning.bootstrap import MIN_AREA
 from noctule.localization.learning.detectors import fit_detectors
 from noctule.localization.learning.headings import calibrate_heading
 from noctule.localization.learning.template import learn_template
-from noctule.localization.locator import Locator, LocatorSettings
+from noctule.localization.locator import Locator
 from noctule.localization.template import Template
 from noctule.simulation.ceiling import CeilingSpec, DepthStage, manual_flight
 from noctule.vision.depth import learn_background
@@ -101,9 +100,7 @@ def teach_camera(seed: int, hull: bool, markers: bool = False) -> TaughtCamera:
 def _locator(
     camera: FixedCamera, background: Background, template: Template, detectors: Detectors, offset: Array
 ) -> Locator:
-    # Detectors were fitted on pieces as small as this.
-    settings = LocatorSettings(min_area=MIN_AREA)
-    return Locator(camera, background, template, detectors.band, settings, offset=offset)
+    return Locator(camera, background, template, detectors.band, offset=offset)
 
 
 def stamps(begin: float, count: int) -> Iterator[float]:

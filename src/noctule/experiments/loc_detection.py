@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from noctule.experiments.ceiling import RATE, TaughtCamera, stamps, teach_camera
 from noctule.geometry import Array, Pose
 from noctule.localization.detection.detector import Detector
+from noctule.localization.detection.splinters import MIN_AREA
 from noctule.localization.heading.pose import blob_position
-from noctule.localization.learning.bootstrap import MIN_AREA
 from noctule.simulation.ceiling import Motion, ThingPose, Walker, manual_flight
 from noctule.vision.depth import find_blobs
 

@@ -17,14 +17,11 @@ import numpy as np
 
 from noctule.experiments.ceiling import RATE, TaughtCamera, stamps, teach_camera
 from noctule.geometry import Array, Pose, rot_z, wrap_angle
-from noctule.localization.detection.splinters import join_splinters, relabel
 from noctule.localization.heading.method import HeadingMethod
+from noctule.localization.heading.near import sighting_near
 from noctule.localization.heading.pose import blob_position
-from noctule.localization.heading.sighting import Sighting
-from noctule.localization.learning.bootstrap import MIN_AREA
 from noctule.messages import DepthFrame
 from noctule.simulation.ceiling import ThingPose, spread_poses
-from noctule.vision.depth import find_blobs
 
 POSES = 500
 APPROACH = 15  # frames, half a second
@@ -129,14 +126,10 @@ def measure_poses(
 def _blob_methods(
     taught: TaughtCamera, frame: DepthFrame, pose: Pose, methods: Sequence[HeadingMethod]
 ) -> Mapping[str, Row]:
-    labels, blobs = find_blobs(frame.depth, taught.background, taught.camera.intrinsics, min_area=MIN_AREA)
-    joined, parts = join_splinters(blobs, taught.camera)
-    if not joined:
+    sighting = sighting_near(frame, pose.position, taught.background, taught.camera)
+    if sighting is None:
         return dict.fromkeys((method.name for method in methods), _NOTHING)
-    away = [float(np.linalg.norm(blob_position(b, taught.camera) - pose.position)) for b in joined]
-    blob = joined[int(np.argmin(away))]
-    sighting = Sighting(frame, relabel(labels, blobs, parts), blob, taught.camera)
-    position = blob_position(blob, taught.camera)
+    position = blob_position(sighting.blob, taught.camera)
     found = {}
     for method in methods:
         heading = method.measure(sighting, pose.yaw)

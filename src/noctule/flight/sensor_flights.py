@@ -20,8 +20,7 @@ from noctule.estimation.sensors import Sensors
 from noctule.flight.sensor_recording import SensorLog
 from noctule.localization.heading.markers import MarkerHeading
 from noctule.localization.heading.near import heading_near
-from noctule.localization.learning.bootstrap import MIN_AREA
-from noctule.localization.locator import Locator, LocatorSettings
+from noctule.localization.locator import Locator
 from noctule.localization.site import Site, straightened
 from noctule.messages import DepthFrame, HeadingMeasurement, PoseMeasurement
 
@@ -92,10 +91,7 @@ def calibrate_sensors(
 def see(log: SensorLog, frames: Iterable[DepthFrame], site: Site) -> SensorLog:
     """Return the log with what the depth frames of the recording show: the drone and its markers."""
     camera = site.camera.camera
-    settings = LocatorSettings(min_area=MIN_AREA)  # the blobs that detectors are fitted on
-    locator = Locator(
-        camera, site.background, site.template, site.detectors.band, settings, offset=site.camera.offset
-    )
+    locator = Locator(camera, site.background, site.template, site.detectors.band, offset=site.camera.offset)
     method = MarkerHeading()
     poses: list[PoseMeasurement] = []
     headings: list[HeadingMeasurement] = []

@@ -8,6 +8,7 @@ from enum import StrEnum
 
 from pydantic import Field
 
+from noctule.localization.detection.splinters import MIN_AREA
 from noctule.messages import PoseMeasurement
 from noctule.settings import Settings
 
@@ -51,7 +52,9 @@ class LocatorSettings(Settings):
     coast: float = Field(
         default=0.5, ge=0.0, le=5.0, description="[s], an unseen drone is looked for where it was"
     )
-    min_area: int = Field(default=15, ge=1, le=100000, description="[px], smaller pieces are not looked at")
+    min_area: int = Field(
+        default=MIN_AREA, ge=1, le=100000, description="[px], smaller pieces are not looked at"
+    )
 
 
 class LocatorState(StrEnum):

@@ -11,6 +11,7 @@ from noctule.camera import FixedCamera
 from noctule.geometry import Array
 from noctule.vision.depth.blob import Blob
 
+MIN_AREA = 15  # [px], of a piece: rotors far from the camera are small
 REACH = 0.30  # [m], from the middle of the thing to that of a splinter, seen from above
 HEIGHT = 0.13  # [m], between their mean altitudes
 LARGEST = 0.03  # [m^2], a splinter is smaller than this

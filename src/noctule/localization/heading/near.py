@@ -6,16 +6,27 @@ import numpy as np
 
 from noctule.camera import FixedCamera
 from noctule.geometry import Array
-from noctule.localization.detection.splinters import join_splinters, relabel
+from noctule.localization.detection.splinters import MIN_AREA, join_splinters, relabel
 from noctule.localization.heading.method import HeadingMethod
 from noctule.localization.heading.pose import blob_position
 from noctule.localization.heading.sighting import Sighting
-from noctule.localization.learning.bootstrap import MIN_AREA
 from noctule.messages import DepthFrame, HeadingMeasurement
 from noctule.vision.depth import find_blobs
 from noctule.vision.depth.background import Background
 
 FARTHEST = 0.3  # [m], of a blob's middle from the place
+
+
+def sighting_near(
+    frame: DepthFrame, position: Array, background: Background, camera: FixedCamera
+) -> Sighting | None:
+    """Return the blob nearest to `position` (3,) [m], its splinters joined; None where there is no blob."""
+    labels, blobs = find_blobs(frame.depth, background, camera.intrinsics, min_area=MIN_AREA)
+    joined, parts = join_splinters(blobs, camera)
+    if not joined:
+        return None
+    away = [float(np.linalg.norm(blob_position(blob, camera) - position)) for blob in joined]
+    return Sighting(frame, relabel(labels, blobs, parts), joined[int(np.argmin(away))], camera)
 
 
 def heading_near(
@@ -30,13 +41,7 @@ def heading_near(
 
     `predicted` [rad] chooses the turn of methods that do not know it.
     """
-    labels, blobs = find_blobs(frame.depth, background, camera.intrinsics, min_area=MIN_AREA)
-    joined, parts = join_splinters(blobs, camera)
-    if not joined:
+    sighting = sighting_near(frame, position, background, camera)
+    if sighting is None or np.linalg.norm(blob_position(sighting.blob, camera) - position) > FARTHEST:
         return None
-    away = [float(np.linalg.norm(blob_position(blob, camera) - position)) for blob in joined]
-    nearest = int(np.argmin(away))
-    if away[nearest] > FARTHEST:
-        return None
-    whole = relabel(labels, blobs, parts)
-    return method.measure(Sighting(frame, whole, joined[nearest], camera), predicted)
+    return method.measure(sighting, predicted)

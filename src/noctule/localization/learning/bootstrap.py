@@ -18,7 +18,7 @@ from noctule.camera import FixedCamera
 from noctule.errors import NoctuleError
 from noctule.geometry import Array, Pose, wrap_angle
 from noctule.localization.detection.detector import blob_surface, is_cut
-from noctule.localization.detection.splinters import join_splinters, relabel
+from noctule.localization.detection.splinters import MIN_AREA, join_splinters, relabel
 from noctule.localization.heading.markers import MarkerHeading
 from noctule.localization.heading.method import HeadingMethod
 from noctule.localization.heading.pose import blob_position
@@ -29,7 +29,6 @@ from noctule.messages import DepthFrame
 from noctule.vision.depth.background import Background
 from noctule.vision.depth.blobs import find_blobs
 
-MIN_AREA = 15  # [px], of a piece: rotors far from the camera are small
 _ENOUGH = 0.6  # share of the frames that must show both markers
 _SURE = 5.0  # times its own error must the evidence for a turn be
 _START = 0.5  # [s] of the flight that the heading at the start is taken from

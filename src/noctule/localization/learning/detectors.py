@@ -9,8 +9,8 @@ from noctule.localization.detection.band import fit_band
 from noctule.localization.detection.cubics import fit_cubics
 from noctule.localization.detection.hu import fit_hu
 from noctule.localization.detection.samples import FlightSamples, flight_samples
+from noctule.localization.detection.splinters import MIN_AREA
 from noctule.localization.detector_file import Detectors
-from noctule.localization.learning.bootstrap import MIN_AREA
 from noctule.messages import DepthFrame
 from noctule.vision.depth.background import Background
 from noctule.vision.depth.blobs import find_blobs
