@@ -144,6 +144,8 @@ class Observation:
     state: VehicleState
     picture: Picture | None = None  # the newest, None when nothing new came
     matches: tuple[MatchResult, ...] = ()  # what the worker finished since the last tick
+    depth: DepthFrame | None = None  # of the camera on the ceiling, None when nothing new came
+    sent: Command | None = None  # what was really sent at the last tick; None at the first
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +186,36 @@ class Diagnostics:
     task_errors: dict[str, float] = field(default_factory=dict)  # task name -> norm of its error
 
 
+class Doubt(StrEnum):
+    """How far a pilot trusts its estimate of where it is, and what it does about it."""
+
+    SURE = "sure"
+    FLY_ON = "fly on"  # by the sensors that remain
+    SLOW = "slow"
+    HOVER = "hover"
+    LAND = "land"
+
+
+@dataclass(frozen=True, slots=True)
+class Whereabouts:
+    """Where a pilot that is located holds itself to be, and where it wants to be; world, at `stamp`."""
+
+    stamp: float  # [s], of the estimate
+    position: Array  # (3,) [m]
+    yaw: float  # [rad]
+    velocity: Array  # (4,) [m/s, rad/s], of x, y, z and yaw
+    position_sd: float  # [m], root of the trace of the position's covariance
+    yaw_sd: float  # [rad]
+    wanted: Array  # (4,) x, y, z [m], yaw [rad]
+    path_time: float = float("nan")  # [s] since the path was begun; NaN before
+    s: float = float("nan")  # [m] along the leg that is flown
+    holding: bool = False  # a stop, or the end
+    doubt: Doubt = Doubt.SURE
+    doubt_reason: str = ""  # in plain words, empty when sure
+    measured: PoseMeasurement | None = None  # what this tick's depth frame said
+    unseen_reason: str = ""  # why this tick's depth frame said nothing
+
+
 @dataclass(frozen=True, slots=True)
 class Decision:
     """What a pilot answers to an observation."""
@@ -194,6 +226,7 @@ class Decision:
     requests: tuple[MatchRequest, ...] = ()
     outcome: Outcome | None = None  # the pilot may end with REACHED, LOST or STUCK
     reason: str = ""
+    whereabouts: Whereabouts | None = None  # of a pilot that is located, once it knows
 
 
 class Pilot(Protocol):
