@@ -11,7 +11,7 @@ from noctule.estimation.delayed import DelayedFilter, FilterSettings
 from noctule.estimation.events import Input
 from noctule.estimation.filter_state import FilterError, Prior, start_at
 from noctule.estimation.gating import surprises
-from noctule.estimation.information_filter import assimilate_turned
+from noctule.estimation.information_filter import assimilate_turned, predict_and_assimilate
 from noctule.estimation.kalman_filter import correct, predict
 from noctule.estimation.measurements import Component, Measurement
 from noctule.estimation.network import Link, LinkSettings, Network, Node, warm_up
@@ -241,7 +241,7 @@ def test_a_network_of_two_nodes_of_one_name_is_refused():
 
 
 def test_after_a_warm_up_nothing_is_left_to_compile():
-    kernels = (predict, correct, surprises, linear_contribution, assimilate_turned)
+    kernels = (predict, correct, surprises, linear_contribution, assimilate_turned, predict_and_assimilate)
     warm_up()
     versions = [len(kernel.signatures) for kernel in kernels]
     assert all(versions)

@@ -54,19 +54,25 @@ class Contribution:
 
 
 @compiled
-def linear_contribution(x: Array, components: NDArray[np.int64], z: Array, R: Array) -> tuple[Array, Array]:
-    """Return (i, I) of the numbers z (m,) with covariance R (m, m), linearised at x (n,)."""
+def linear_contribution(
+    x: Array, components: NDArray[np.int64], z: Array, R: Array
+) -> tuple[Array, Array, float, float]:
+    """Return (i, I) of the numbers z (m,) with covariance R (m, m), linearised at x (n,).
+
+    And the yaw and the heading bias there [rad]; 0 when the state has none.
+    """
     residual, H = linearise(x, components, z)
-    return contribution(x, residual, H, R)
+    i, I = contribution(x, residual, H, R)  # noqa: E741
+    b = heading_bias_index(x.size)
+    bias = x[b] if b >= 0 else 0.0
+    return i, I, x[YAW], bias
 
 
 def contribution_of(x: Array, measurement: Measurement, jump: Array | None = None) -> Contribution:
     """Return what `measurement` contributes, linearised at x (n,); it keeps the measurement's id."""
-    i, I = linear_contribution(x, measurement.components, measurement.z, measurement.R)  # noqa: E741
-    b = heading_bias_index(x.size)
-    bias = float(x[b]) if b >= 0 else 0.0
-    who, count = measurement.source, measurement.sequence
-    return Contribution(measurement.stamp, who, count, i, I, float(x[YAW]), bias, jump)
+    z = measurement
+    i, I, yaw, bias = linear_contribution(x, z.components, z.z, z.R)  # noqa: E741
+    return Contribution(z.stamp, z.source, z.sequence, i, I, yaw, bias, jump)
 
 
 def to_bytes(part: Contribution) -> bytes:

@@ -12,7 +12,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
@@ -21,7 +21,7 @@ from noctule.estimation.contributions import Contribution
 from noctule.estimation.events import Event, Input, Key, Snapshot
 from noctule.estimation.filter_state import FilterError, StateEstimate
 from noctule.estimation.gating import GateSettings, Streak, judge
-from noctule.estimation.information_filter import assimilate_turned
+from noctule.estimation.information_filter import assimilate_turned, predict_and_assimilate
 from noctule.estimation.kalman_filter import correct, predict
 from noctule.estimation.measurements import Measurement, linearise
 from noctule.estimation.vehicle_model import ProcessNoise, VehicleModel
@@ -29,6 +29,8 @@ from noctule.geometry import Array
 from noctule.settings import Settings
 
 _NOTHING = np.zeros(4)
+_Leg = tuple[Array, Array, float, Array, Array, Array, Array]
+"""The arguments of `predict`."""
 
 
 class FilterSettings(Settings):
@@ -55,8 +57,8 @@ class _Slot:
     at: float  # [s], of the state: that of the last event that was used
     x: Array
     P: Array
-    input: Input | None = None  # in force after it
-    since: Mapping[str, Streak] = field(default_factory=dict)  # of the gates, see gating.Verdict
+    input: Input | None  # in force after it
+    since: Mapping[str, Streak]  # of the gates, see gating.Verdict
     refused: tuple[str, ...] = ()
 
 
@@ -72,11 +74,13 @@ class DelayedFilter:
         self.settings = settings
         self.model = model
         self.dropped: Counter[str] = Counter()  # how many, by reason: see `insert`
+        # Looked up for every event; in settings they are slower to find.
+        self._window, self._most, self._ahead = settings.window, settings.most_events, settings.ahead
         self._known = (_NOTHING, _NOTHING) if model is None else (model.input_gains, model.drags)
         self._noise = settings.noise.densities
         self._noise_without = settings.noise_without_commands.densities
         self._settled_refusals: Counter[str] = Counter()
-        self._slots = [_Slot(Key(start.stamp, -1, "", 0), None, start.stamp, start.x, start.P)]
+        self._slots = [_Slot(Key(start.stamp, -1, "", 0), None, start.stamp, start.x, start.P, None, {})]
         self._keys = [self._slots[0].key]
         self._valid = 1  # slots whose state is worked out
         # The last prediction, asked for twice by a node: before it shares and when it adds its own.
@@ -122,7 +126,7 @@ class DelayedFilter:
         if isinstance(event, Contribution) and event.i.size != self._slots[0].x.size:
             self.dropped["other state"] += 1
             return False
-        if now is not None and event.stamp > now + self.settings.ahead:
+        if now is not None and event.stamp > now + self._ahead:
             self.dropped["from the future"] += 1
             return False
         if key <= self._keys[0]:
@@ -135,9 +139,10 @@ class DelayedFilter:
                 self.dropped["duplicate"] += 1
                 return False
         first = self._slots[0]
-        self._slots.insert(i, _Slot(key, event, first.at, first.x, first.P))
+        self._slots.insert(i, _Slot(key, event, first.at, first.x, first.P, None, first.since))
         self._keys.insert(i, key)
-        self._valid = min(self._valid, i)
+        if i < self._valid:
+            self._valid = i
         self._forget()
         return True
 
@@ -146,21 +151,23 @@ class DelayedFilter:
 
         Raises FilterError when the stamp is older than what is remembered.
         """
-        at = self.newest if stamp is None else stamp
-        if at < self.oldest:
+        keys = self._keys
+        at = keys[-1].stamp if stamp is None else stamp
+        if at < keys[0].stamp:
             raise FilterError(
                 f"estimate at {at:.3f} s asked, the filter remembers from {self.oldest:.3f} s on; "
                 "ask earlier or make its window longer"
             )
-        i = len(self._keys) if at >= self.newest else bisect_right(self._keys, Key(at, 2, "", 0))
+        i = len(keys) if at >= keys[-1].stamp else bisect_right(keys, Key(at, 2, "", 0))
         return StateEstimate(at, *self._at(i, at))
 
     def before(self, event: Event) -> StateEstimate:
         """Return what is known at an event's time of all that comes before it."""
-        key = self.key(event)
-        if key <= self._keys[0]:
+        key, keys = self.key(event), self._keys
+        if key <= keys[0]:
             return StateEstimate(self._slots[0].at, self._slots[0].x, self._slots[0].P)
-        return StateEstimate(key.stamp, *self._at(bisect_left(self._keys, key), key.stamp))
+        i = len(keys) if key > keys[-1] else bisect_left(keys, key)
+        return StateEstimate(key.stamp, *self._at(i, key.stamp))
 
     def snapshot(self) -> Snapshot:
         """Return the oldest state that is remembered and all events since."""
@@ -183,70 +190,90 @@ class DelayedFilter:
 
     def _at(self, i: int, stamp: float) -> tuple[Array, Array]:
         self._settle(i)
-        slot = self._slots[i - 1]
-        return self._advance(slot, stamp)
+        return self._advance(self._slots[i - 1], stamp)
 
     def _advance(self, slot: _Slot, stamp: float) -> tuple[Array, Array]:
+        if not self._is_advanced(slot, stamp):
+            x, P = slot.x, slot.P
+            if stamp > slot.at:
+                x, P = predict(*self._last_leg(slot, stamp))
+            self._advanced = (slot.x, slot.input, stamp, x, P)
+        return self._advanced[3], self._advanced[4]
+
+    def _is_advanced(self, slot: _Slot, stamp: float) -> bool:
         memory = self._advanced
-        if memory[0] is slot.x and memory[1] is slot.input and memory[2] == stamp:
-            return memory[3], memory[4]
-        x, P, now = slot.x, slot.P, slot.at
-        gains, drags = self._known
-        if slot.input is not None and slot.input.u is not None and self.model is not None:
-            end = min(stamp, slot.input.stamp + self.model.delay + self.settings.input_timeout)
+        return memory[0] is slot.x and memory[1] is slot.input and memory[2] == stamp
+
+    def _last_leg(self, slot: _Slot, stamp: float) -> _Leg:
+        """Return what to ask `predict` for the state at `stamp` [s]; what comes before it is predicted."""
+        x, P, now, sent = slot.x, slot.P, slot.at, slot.input
+        if sent is not None and sent.u is not None and self.model is not None:
+            end = sent.stamp + self.model.delay + self.settings.input_timeout
+            gains, drags = self._known
+            if stamp <= end:
+                return x, P, stamp - now, sent.u, gains, drags, self._noise
             if end > now:
-                x, P = predict(x, P, end - now, slot.input.u, gains, drags, self._noise)
+                x, P = predict(x, P, end - now, sent.u, gains, drags, self._noise)
                 now = end
-        if stamp > now:
-            x, P = predict(x, P, stamp - now, _NOTHING, _NOTHING, _NOTHING, self._noise_without)
-        self._advanced = (slot.x, slot.input, stamp, x, P)
-        return x, P
+        return x, P, stamp - now, _NOTHING, _NOTHING, _NOTHING, self._noise_without
 
     def _settle(self, upto: int) -> None:
         """Work out the states of the first `upto` slots."""
-        for i in range(self._valid, upto):
+        while self._valid < upto:
+            i = self._valid
             before, slot = self._slots[i - 1], self._slots[i]
             slot.input, slot.since, slot.refused = before.input, before.since, ()
-            x, P = self._advance(before, slot.key.stamp)
-            after = self._told(slot, x, P)
-            # What is refused leaves no trace, not even a prediction in two steps instead of one.
-            slot.at, slot.x, slot.P = (before.at, before.x, before.P) if after is None else after
-        self._valid = max(self._valid, upto)
+            event = slot.event
+            after: tuple[Array, Array] | None
+            if isinstance(event, Contribution):
+                after = self._shared(before, slot, event)
+            else:
+                after = self._told(slot, *self._advance(before, slot.key.stamp))
+            if after is None or math.isnan(after[0][0]):
+                # What is refused leaves no trace, not even a prediction in two steps instead of one.
+                slot.at, slot.x, slot.P = before.at, before.x, before.P
+                if after is not None:
+                    slot.refused = (*slot.refused, f"{slot.key.source}: unusable")
+            else:
+                slot.at = slot.key.stamp
+                slot.x, slot.P = after
+            self._valid = i + 1
 
-    def _told(self, slot: _Slot, x: Array, P: Array) -> tuple[float, Array, Array] | None:
-        """Return stamp, mean and covariance after the event of a slot; None when nothing of it was used."""
-        event, at = slot.event, slot.key.stamp
+    def _shared(self, before: _Slot, slot: _Slot, part: Contribution) -> tuple[Array, Array]:
+        """Return mean and covariance after a contribution; NaN when it cannot be used."""
+        at, whose = slot.key.stamp, (part.i, part.I, part.yaw, part.heading_bias)
+        if part.jump is None and not self._is_advanced(before, at):
+            return predict_and_assimilate(*self._last_leg(before, at), *whose)
+        x, P = self._advance(before, at)
+        if part.jump is not None:
+            P = P + np.outer(part.jump, part.jump)
+        return assimilate_turned(x, P, *whose)
+
+    def _told(self, slot: _Slot, x: Array, P: Array) -> tuple[Array, Array] | None:
+        """Return mean and covariance after a command or a measurement; None when nothing of it was used."""
+        event = slot.event
         if isinstance(event, Input):
             slot.input = event
-            return at, x, P
-        if isinstance(event, Contribution):
-            if event.jump is not None:
-                P = P + np.outer(event.jump, event.jump)
-            x1, P1 = assimilate_turned(x, P, event.i, event.I, event.yaw, event.heading_bias)
-        elif event is not None:
-            kept: Measurement | None = event
-            if self.settings.gate is not None:
-                verdict = judge(x, P, event, slot.since, self.settings.gate)
-                slot.since, kept = verdict.since, verdict.kept
-                slot.refused = tuple(f"{event.source}: {reason}" for reason in verdict.refused)
-                if verdict.jump is not None:
-                    P = P + np.outer(verdict.jump, verdict.jump)
-            if kept is None:
-                return None
-            x1, P1 = correct(x, P, *linearise(x, kept.components, kept.z), kept.R)
-        if not math.isnan(x1[0]):
-            return at, x1, P1
-        slot.refused = (*slot.refused, f"{slot.key.source}: unusable")
-        return None
+            return x, P
+        assert isinstance(event, Measurement)
+        kept: Measurement | None = event
+        if self.settings.gate is not None:
+            verdict = judge(x, P, event, slot.since, self.settings.gate)
+            slot.since, kept = verdict.since, verdict.kept
+            slot.refused = tuple(f"{event.source}: {reason}" for reason in verdict.refused)
+            if verdict.jump is not None:
+                P = P + np.outer(verdict.jump, verdict.jump)
+        if kept is None:
+            return None
+        return correct(x, P, *linearise(x, kept.components, kept.z), kept.R)
 
     def _forget(self) -> None:
         """Fold what is older than the window into the state at its beginning."""
-        begins = self.newest - self.settings.window
-        if self._keys[1].stamp >= begins and len(self._keys) <= self.settings.most_events:
-            return
-        k = bisect_left(self._keys, Key(begins, -1, "", 0)) - 1
-        k = max(k, len(self._keys) - self.settings.most_events)
-        if k <= 0:
+        keys, begins = self._keys, self._keys[-1].stamp - self._window
+        k = max(0, len(keys) - self._most)
+        while keys[k + 1].stamp < begins:  # one, mostly
+            k += 1
+        if k == 0:
             return
         self._settle(k + 1)
         for slot in self._slots[: k + 1]:

@@ -102,14 +102,18 @@ def assimilate(x: Array, P: Array, i: Array, I: Array) -> tuple[Array, Array]:  
     n = x.size
     L = cholesky(P)
     IL = np.zeros((n, n))
+    told = np.zeros(n, dtype=np.bool_)
     for a in range(n):
         for k in range(n):
             f = I[a, k]
             if f != 0.0:  # most measurements say nothing of most of the state
+                told[a] = True
                 for b in range(k + 1):
                     IL[a, b] += f * L[k, b]
     M = np.eye(n)
     for k in range(n):
+        if not told[k]:
+            continue
         for a in range(k + 1):
             f = L[k, a]
             for b in range(a + 1):
@@ -168,3 +172,25 @@ def assimilate_turned(
 ) -> tuple[Array, Array]:
     """Return `assimilate` of a contribution of another count of turns, see `turned`."""
     return assimilate(x, P, turned(i, I, x, yaw, heading_bias), I)
+
+
+@compiled
+def predict_and_assimilate(
+    x: Array,
+    P: Array,
+    dt: float,
+    u: Array,
+    gains: Array,
+    drags: Array,
+    densities: Array,
+    i: Array,
+    I: Array,  # noqa: E741
+    yaw: float,
+    heading_bias: float,
+) -> tuple[Array, Array]:
+    """Return `assimilate_turned` after `dt` [s]: what a node does with most that it hears.
+
+    Getting into compiled code and back costs more than either of both.
+    """
+    x1, P1 = predict(x, P, dt, u, gains, drags, densities)
+    return assimilate_turned(x1, P1, i, I, yaw, heading_bias)

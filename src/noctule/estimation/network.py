@@ -65,7 +65,8 @@ class Node:
         if shared is not None and not self.filter.insert(shared, now):
             return None
         self._since = since
-        self.refusals.update(f"{measurement.source}: {reason}" for reason in refused)
+        if refused:
+            self.refusals.update(f"{measurement.source}: {reason}" for reason in refused)
         return shared
 
     def receive(self, message: Contribution | Input, now: float | None = None) -> bool:
@@ -105,13 +106,13 @@ class Link:
         self._settings = settings
         self._perfect = settings == PERFECT
         self._rng = np.random.default_rng(seed)
-        self._on_the_way: list[tuple[float, int, Contribution | Input]] = []
+        self.on_the_way: list[tuple[float, int, Contribution | Input]] = []  # a heap: when, which, what
         self._sent = 0
 
     def send(self, message: Contribution | Input, now: float) -> None:
         """Put a message on its way at `now` [s]."""
         if self._perfect:
-            heapq.heappush(self._on_the_way, (now, self._sent, message))
+            heapq.heappush(self.on_the_way, (now, self._sent, message))
             self._sent += 1
             return
         # Every message draws as many numbers, so that its fate does not hang on those before it.
@@ -119,14 +120,14 @@ class Link:
         copies = int(fate >= self._settings.loss) * (1 + int(again < self._settings.duplicates))
         for share in times[:copies]:
             late = self._settings.delay - self._settings.jitter * np.log1p(-share)
-            heapq.heappush(self._on_the_way, (now + float(late), self._sent, message))
+            heapq.heappush(self.on_the_way, (now + float(late), self._sent, message))
             self._sent += 1
 
     def due(self, now: float) -> list[tuple[float, Contribution | Input]]:
         """Return what has arrived by `now` [s] and when, in the order of arrival, and forget it."""
         arrived = []
-        while self._on_the_way and self._on_the_way[0][0] <= now:
-            at, _, message = heapq.heappop(self._on_the_way)
+        while self.on_the_way and self.on_the_way[0][0] <= now:
+            at, _, message = heapq.heappop(self.on_the_way)
             arrived.append((at, message))
         return arrived
 
@@ -170,8 +171,13 @@ class Network:
         for name, node in self.nodes.items():
             if name in frozen:
                 continue
-            arrived = [pair for link in self._to[name].values() for pair in link.due(now)]
-            for at, message in sorted(arrived, key=itemgetter(0)):
+            busy = [link for link in self._to[name].values() if link.on_the_way]
+            if not busy:
+                continue
+            arrived = [pair for link in busy for pair in link.due(now)]
+            if len(busy) > 1:
+                arrived.sort(key=itemgetter(0))
+            for at, message in arrived:
                 node.receive(message, at)
 
 

@@ -91,14 +91,15 @@ def axis_step(k: float, dt: float) -> tuple[float, float, float, float, float, f
     e = np.exp(-u)
     if u < 0.5:
         g_sum, h_sum, q_sum = 0.0, 0.0, 0.0
-        term = 1.0  # (-u)^m / m!
+        term, power = 1.0, 1.0  # (-u)^m / m!, 2^m
         for m in range(18):
             g_sum += term / (m + 1)
             h_sum += term / ((m + 1) * (m + 2))
-            q_sum += term * (2.0 ** (m + 2) - 2.0) / ((m + 1) * (m + 2) * (m + 3))
+            q_sum += term * (4.0 * power - 2.0) / ((m + 1) * (m + 2) * (m + 3))
             term *= -u / (m + 1)
-            if abs(term) * 2.0**m < 1e-18:
+            if abs(term) * power < 1e-18:
                 break
+            power *= 2.0
         g, h, q_pp = dt * g_sum, dt * dt * h_sum, dt**3 * q_sum
         q_vv = dt
         if u > 0.0:
