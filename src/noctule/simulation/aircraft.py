@@ -16,6 +16,8 @@ from noctule.simulation.navdata import Navdata
 from noctule.simulation.sensors import StateSensors
 from noctule.simulation.spec import VehicleSpec
 
+Three = tuple[float, float, float]
+
 HOVER: Four = (0.0, 0.0, 0.0, 0.0)
 DESCENT = 0.3  # [m/s]
 GUST_BLOCK = 1024  # steps drawn at a time
@@ -42,7 +44,7 @@ class Aircraft:
         self._command = HOVER
         self._expiry: int | None = None  # step; None: nothing was ever sent since the take-off
         self._gust_rng = np.random.default_rng(seeds[0])
-        self._gusts: list[tuple[float, float, float]] = []
+        self._gusts: list[Three] = []
         self._sensors = StateSensors(spec, seeds[1])
         self._report_every = max(1, round(STEPS_PER_SECOND / spec.report_rate))
         self._report = self._sensors.report(self.motion, 0.0, self._state)
@@ -50,6 +52,11 @@ class Aircraft:
         if spec.navdata is not None:
             self.navdata = Navdata(spec.navdata, seeds[1], STEPS_PER_SECOND)
             self._report = self.navdata.measured(self._true_report())
+        self._pushes = [
+            (first, first + max(1, round(push.seconds * STEPS_PER_SECOND)), push)
+            for push in spec.pushes
+            for first in [round(push.time_s * STEPS_PER_SECOND)]
+        ]
 
     @property
     def now(self) -> float:
@@ -137,12 +144,15 @@ class Aircraft:
         if not self._gusts:
             block = self.spec.gusts * self._gust_rng.standard_normal((GUST_BLOCK, 3))
             self._gusts = [(float(g[0]), float(g[1]), float(g[2])) for g in block]
-        gust = self._gusts.pop()
+        blow, twist = self._gusts.pop(), 0.0
+        if self._pushes:
+            blow, twist = self._pushed(blow)
         if self._motors_off:
             fall(self.motion, self.floor)
             self.armed = False
         elif self._state is not FlightState.LANDED:
-            advance(self.motion, self._model, self.spec, self._wanted(), gust)
+            wanted = self._wanted()
+            advance(self.motion, self._model, self.spec, wanted, blow, twist, self._bias())
             if self.motion.z <= self.floor:
                 self.motion.z = self.floor
                 self.motion.vz = max(0.0, self.motion.vz)
@@ -155,6 +165,23 @@ class Aircraft:
             self._report = self.navdata.step(self.steps, self._true_report) or self._report
         elif self.steps % self._report_every == 0:
             self._report = self._sensors.report(self.motion, self.now, self._state)
+
+    def _pushed(self, gust: Three) -> tuple[Three, float]:
+        """Return (gust [m/s^2, world], yaw acceleration [rad/s^2]) with the pushes of this step."""
+        (x, y, z), twist = gust, 0.0
+        for first, end, push in self._pushes:
+            if first <= self.steps < end:
+                a = push.acceleration_m_s2
+                x, y, z, twist = x + a[0], y + a[1], z + a[2], twist + push.yaw_rad_s2
+        return (x, y, z), twist
+
+    def _bias(self) -> Three | None:
+        """Return what the onboard loop takes the velocity for too much, [m/s] in the heading frame."""
+        if self.navdata is None or not self.spec.loop_on_measured:
+            return None
+        forward, left, up = self.navdata.velocity_bias.tolist()
+        # Taking off and landing go by the height: by the velocity alone they might never end.
+        return forward, left, up if self._state is FlightState.FLYING else 0.0
 
     def _true_report(self) -> VehicleState:
         """Return a report without errors in what navdata has errors of its own for."""

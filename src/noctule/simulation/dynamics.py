@@ -29,12 +29,12 @@ class UnknownModelError(NoctuleError):
 class VehicleModel(Protocol):
     """A quadcopter with its autopilot, seen from outside: a velocity is asked, an acceleration follows."""
 
-    def acceleration(self, velocity: Four, command: Four) -> Four:
+    def acceleration(self, velocity: Four, command: Four, measured: Four | None = None) -> Four:
         """Return (forward, left, up [m/s^2], yaw [rad/s^2]) before the vehicle's limits.
 
         `velocity` and `command` are (forward, left, up [m/s], yaw rate [rad/s]). The accelerations are
         those of the world, resolved on the axes of the levelled heading frame: body velocities are not
-        differentiated.
+        differentiated. `measured` is what the vehicle's own loop takes its velocity for; None: the true one.
         """
         ...
 
@@ -45,14 +45,14 @@ class FirstOrderModel:
 
     lag: float  # [s]
 
-    def acceleration(self, velocity: Four, command: Four) -> Four:
-        """See VehicleModel."""
-        gain = 1.0 / self.lag
+    def acceleration(self, velocity: Four, command: Four, measured: Four | None = None) -> Four:
+        """See VehicleModel; the whole response is the loop's, so it sees nothing but what is measured."""
+        gain, v = 1.0 / self.lag, velocity if measured is None else measured
         return (
-            gain * (command[0] - velocity[0]),
-            gain * (command[1] - velocity[1]),
-            gain * (command[2] - velocity[2]),
-            gain * (command[3] - velocity[3]),
+            gain * (command[0] - v[0]),
+            gain * (command[1] - v[1]),
+            gain * (command[2] - v[2]),
+            gain * (command[3] - v[3]),
         )
 
 
@@ -79,9 +79,10 @@ class IdentifiedModel:
             self._input(3, velocity[3], command[3]),
         )
 
-    def acceleration(self, velocity: Four, command: Four) -> Four:
-        """See VehicleModel."""
-        u, k, d = self.inputs(velocity, command), self.input_gains, self.drags
+    def acceleration(self, velocity: Four, command: Four, measured: Four | None = None) -> Four:
+        """See VehicleModel; drag acts on the true velocity, the loop on the measured one."""
+        seen = velocity if measured is None else measured
+        u, k, d = self.inputs(seen, command), self.input_gains, self.drags
         return (
             k[0] * u[0] - d[0] * velocity[0],
             k[1] * u[1] - d[1] * velocity[1],
@@ -155,16 +156,23 @@ def advance(
     spec: VehicleSpec,
     command: Four,
     gust: tuple[float, float, float],
+    twist: float = 0.0,
+    bias: tuple[float, float, float] | None = None,
 ) -> None:
     """Move by one step of 1/300 s, in place (semi-implicit Euler).
 
-    The autopilot's acceleration is cut to the limits; the gust [m/s^2, world] comes on top of it. Roll and
-    pitch are those of a rotor thrust that gives the autopilot's acceleration: it leans against a gust as far
-    as the velocity loop asks for it, and nothing leans against drag.
+    The autopilot's acceleration is cut to the limits; the gust [m/s^2, world] and the twist [rad/s^2] come
+    on top of it. Roll and pitch are those of a rotor thrust that gives the autopilot's acceleration: it leans
+    against a gust as far as the velocity loop asks for it, and nothing leans against drag. The loop takes the
+    velocity for what it is plus `bias` [m/s, heading frame].
     """
     c, s = math.cos(motion.yaw), math.sin(motion.yaw)
     velocity = (c * motion.vx + s * motion.vy, c * motion.vy - s * motion.vx, motion.vz, motion.yaw_rate)
-    forward, left, up, turn = model.acceleration(velocity, command)
+    if bias is None:
+        forward, left, up, turn = model.acceleration(velocity, command)
+    else:
+        measured = (velocity[0] + bias[0], velocity[1] + bias[1], velocity[2] + bias[2], velocity[3])
+        forward, left, up, turn = model.acceleration(velocity, command, measured)
     norm = math.sqrt(forward * forward + left * left + up * up)
     if norm > spec.limits.acceleration:
         scale = spec.limits.acceleration / norm
@@ -173,7 +181,7 @@ def advance(
     motion.vx += STEP * (c * forward - s * left + gust[0])
     motion.vy += STEP * (s * forward + c * left + gust[1])
     motion.vz += STEP * (up + gust[2])
-    motion.yaw_rate += STEP * turn
+    motion.yaw_rate += STEP * (turn + twist)
     _move(motion)
     # The thrust direction is R_y(pitch) R_x(roll) e_z = (sin p cos r, -sin r, cos p cos r).
     lift = GRAVITY + up

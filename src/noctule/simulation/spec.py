@@ -160,6 +160,20 @@ class LimitsSpec(Settings):
         return Limits(**self.model_dump())
 
 
+Acceleration = Annotated[float, Field(ge=-50.0, le=50.0)]
+
+
+class PushSpec(Settings):
+    """Somebody pushes the vehicle while it flies."""
+
+    time_s: float = Field(ge=0.0, le=3600.0, description="when it begins, on the flight's clock [s]")
+    seconds: float = Field(0.2, gt=0.0, le=60.0, description="how long it lasts [s]")
+    acceleration_m_s2: tuple[Acceleration, Acceleration, Acceleration] = Field(
+        description="world axes [m/s^2]; it adds to what the autopilot's limits allow"
+    )
+    yaw_rad_s2: Acceleration = Field(0.0, description="of the heading [rad/s^2]")
+
+
 class VehicleSpec(Settings):
     """A simulated quadcopter: how it moves and how well it knows itself."""
 
@@ -196,6 +210,14 @@ class VehicleSpec(Settings):
         description="reports as a low-cost vehicle's: irregular, late, lossy; the rates and errors above "
         "then hold for roll and pitch alone",
     )
+    loop_on_measured: bool = Field(
+        True,
+        description="with navdata, the onboard loop holds the velocity that the vehicle measures: the true "
+        "one plus navdata's wandering bias (noise averages out), so a hovering vehicle drifts; `first_order` "
+        "then flies its command less the whole bias, `identified` less the share of the response that is its "
+        "loop's, none where drag alone is as quick as `lag`. Take-off and landing go by height instead",
+    )
+    pushes: tuple[PushSpec, ...] = Field((), description="on top of gusts; those that overlap add up")
 
 
 class CameraSpec(Settings):
