@@ -13,6 +13,7 @@ from noctule.geometry import Pose, rot_z
 from noctule.messages import (
     Command,
     Decision,
+    DepthFrame,
     Diagnostics,
     FlightState,
     Limits,
@@ -21,6 +22,7 @@ from noctule.messages import (
     Picture,
     Truth,
     VehicleState,
+    Whereabouts,
 )
 
 RATE = 30.0
@@ -122,6 +124,23 @@ class FakeCamera:
         return Picture(stamp, np.full((24, 32, 3), shade, dtype=np.uint8))
 
 
+class FakeCeiling:
+    """A flat depth image, one per tick, delivered a tick after its exposure."""
+
+    intrinsics = PinholeCamera.centred(8, 6, 8.0)
+    live = True
+
+    def __init__(self, clock: FakeClock) -> None:
+        self.clock = clock
+        self.dead_after = np.inf
+
+    def latest(self, max_age: float) -> DepthFrame:
+        stamp = min((round(self.clock.time * RATE) - 1) / RATE, self.dead_after)
+        if self.clock.time - stamp > max_age or stamp < 0.0:
+            raise StaleFrameError("fake depth camera: too old")
+        return DepthFrame(stamp, np.full((6, 8), 2000, dtype=np.uint16))
+
+
 class FakeReferee:
     """Knows where the fake vehicle is."""
 
@@ -148,7 +167,9 @@ class FakeWorld:
         self.vehicle = FakeVehicle(self.clock)
         self.camera = FakeCamera(self.clock)
         self.referee = FakeReferee(self.clock, self.vehicle)
+        self.ceiling = FakeCeiling(self.clock)
         self.rig = Rig(self.clock, self.vehicle, self.camera, self.referee)
+        self.located_rig = Rig(self.clock, self.vehicle, referee=self.referee, ceiling=self.ceiling)
 
 
 class ScriptedPilot:
@@ -166,6 +187,11 @@ class ScriptedPilot:
 def forward(speed: float = 0.3) -> ScriptedPilot:
     """A pilot that flies ahead and never ends."""
     return ScriptedPilot(lambda i, o: Decision(Command(speed), "flying", Diagnostics(epsilon_px=9.0)))
+
+
+def whereabouts(stamp: float, position: np.ndarray, yaw: float = 0.0, sd: float = 0.0) -> Whereabouts:
+    """What a located pilot says of itself."""
+    return Whereabouts(stamp, position, yaw, np.zeros(4), sd, 0.0, np.append(position, yaw))
 
 
 def no_match(picture: Picture, index: int) -> MatchResult:

@@ -148,7 +148,7 @@ def test_a_camera_that_dies_brings_it_to_hover_then_to_the_ground():
     flown = fly_fake(world, pilot, time_limit_s=20.0)
     assert flown.outcome == Outcome.ABORTED
     assert flown.reason == (
-        "the supervisor ended the flight: no picture, report or command came for too long"
+        "the supervisor ended the flight: no picture, depth frame, report or command came for too long"
     )
     assert world.vehicle.flight_state == FlightState.LANDED
     assert flown.end == pytest.approx(1.0 + 0.5 + 3.0, abs=0.1)

@@ -24,7 +24,7 @@ from noctule.flight.supervisor import (
     supervise,
 )
 from noctule.geometry import rot_z
-from noctule.messages import Command, FlightState, Limits, VehicleState
+from noctule.messages import Command, FlightState, Limits, VehicleState, Whereabouts
 
 DT = 1.0 / 30.0
 LIMITS = Limits()
@@ -36,7 +36,7 @@ ALL = [
 
 
 def test_every_state_and_every_set_of_conditions_follows_the_order_of_gravity():
-    assert len(ALL) == 5 * 2**10
+    assert len(ALL) == 5 * 2**11
     for state, now in ALL:
         after, why = next_state(state, now)
         if state == State.EMERGENCY or Condition.EMERGENCY in now:
@@ -87,6 +87,7 @@ def test_every_state_has_an_action():
         ({"battery": 0.05}, Condition.BATTERY_LOW),
         ({"command_age": 0.25}, Condition.COMMAND_EXPIRED),
         ({"picture_age": 0.6}, Condition.PICTURE_STALE),
+        ({"depth_age": 12.1}, Condition.DEPTH_STALE),
         ({"state_age": 0.6}, Condition.STATE_STALE),
     ],
 )
@@ -100,14 +101,14 @@ def test_ages_at_their_limits_and_an_unknown_battery_are_fine():
     assert conditions(Inputs(Command(), DT, battery=0.1), Bounds()) == frozenset()
 
 
-@pytest.mark.parametrize("name", ["command_age", "picture_age", "state_age"])
+@pytest.mark.parametrize("name", ["command_age", "picture_age", "state_age", "depth_age"])
 def test_blindness_is_first_hover_then_landing(name):
     limit = getattr(Bounds(), name)
     hover = supervise(State.FLYING, Inputs(Command(0.3), DT, **{name: limit + 1.0}), Command(), Bounds())
     land = supervise(State.HOVER, Inputs(Command(0.3), DT, **{name: limit + 3.1}), Command(), Bounds())
     assert (hover.state, hover.action) == (State.HOVER, Action.HOVER)
     assert (land.state, land.action) == (State.LANDING, Action.LAND)
-    assert land.reason == "no picture, report or command came for too long"
+    assert land.reason == "no picture, depth frame, report or command came for too long"
 
 
 def test_a_command_within_all_bounds_passes_unchanged():
@@ -234,6 +235,25 @@ def test_dead_reckoning_takes_the_command_for_what_is_not_reported():
     place = place.advance(silent, np.array([0.4, 0.0, 0.1, 0.5]), 1.0)
     assert place.yaw == pytest.approx(0.5)
     np.testing.assert_allclose(place.position, rot_z(0.5) @ [0.4, 0.0, 0.1])
+
+
+def test_dead_reckoning_goes_on_from_where_a_located_pilot_holds_the_vehicle_to_be():
+    known = Whereabouts(
+        1.0,
+        np.array([2.0, 1.0, 1.5]),
+        np.pi / 2,
+        np.zeros(4),
+        position_sd=0.02,
+        yaw_sd=0.1,
+        wanted=np.zeros(4),
+    )
+    here = DeadReckoning.at(known)
+    assert here.margin(Fence()) == pytest.approx(0.06)
+    # The vehicle's own heading is off by a quarter turn, and stays so.
+    state = VehicleState(1.0, FlightState.FLYING, yaw=0.0, v_body=np.array([0.5, 0.0, 0.0]))
+    later = here.advance(state, np.zeros(4), 1.0)
+    assert later.position == pytest.approx([2.0, 1.5, 1.5])
+    assert later.margin(Fence()) == pytest.approx(0.06 + 0.005 + 0.01)
 
 
 def test_the_margin_grows_with_time_and_with_distance():

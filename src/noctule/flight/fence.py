@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from noctule.geometry import Array, rot_z
-from noctule.messages import Limits, VehicleState
+from noctule.messages import Limits, VehicleState, Whereabouts
+
+_SIGMAS = 3.0  # of a pilot's own estimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,17 +25,27 @@ class Fence:
 
 @dataclass(frozen=True, slots=True)
 class DeadReckoning:
-    """Where the vehicle thinks it is: its own velocity and heading, added up, and its reported height."""
+    """Where the vehicle is held to be: its own velocity and heading, added up, and its reported height.
+
+    It begins where the mission does, and anew at every tick of a pilot that knows better.
+    """
 
     position: Array  # (3,) [m], world
     yaw: float  # [rad], world
     yaw_offset: float | None = None  # [rad], world heading minus reported heading at the first report
     elapsed: float = 0.0  # [s]
     travelled: float = 0.0  # [m]
+    unsure: float = 0.0  # [m], where it began may have been off by this
+
+    @classmethod
+    def at(cls, known: Whereabouts) -> DeadReckoning:
+        """Return the estimate anew, where a located pilot holds the vehicle to be."""
+        position = np.array(known.position, dtype=np.float64)
+        return cls(position, known.yaw, unsure=_SIGMAS * known.position_sd)
 
     def margin(self, fence: Fence) -> float:
         """Return what the position may be off by [m]."""
-        return fence.margin_per_second * self.elapsed + fence.margin_per_metre * self.travelled
+        return self.unsure + fence.margin_per_second * self.elapsed + fence.margin_per_metre * self.travelled
 
     def advance(self, state: VehicleState, sent: Array, dt: float) -> DeadReckoning:
         """Return the estimate `dt` [s] later; `sent` (4,) stands in for what the vehicle does not report."""
@@ -49,7 +61,14 @@ class DeadReckoning:
         if state.height is not None:
             position[2] = state.height
         travelled = self.travelled + float(np.linalg.norm(v)) * dt
-        return DeadReckoning(position, yaw, offset, self.elapsed + dt, travelled)
+        return replace(
+            self,
+            position=position,
+            yaw=yaw,
+            yaw_offset=offset,
+            elapsed=self.elapsed + dt,
+            travelled=travelled,
+        )
 
 
 def bound_by_fence(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from noctule.devices.protocols import DeviceError, StaleFrameError
+from noctule.devices.protocols import DeviceError
 from noctule.flight.fence import DeadReckoning
 from noctule.flight.flown import Aborted, Flown
 from noctule.flight.interrupt import interruptible
@@ -18,16 +18,15 @@ from noctule.flight.orders import Orders
 from noctule.flight.progress import Show
 from noctule.flight.recording import FlightRecorder, RecordingError, sent_message
 from noctule.flight.rig import Rig, take_off
+from noctule.flight.senses import Senses
 from noctule.flight.supervisor import Action, Bounds, Inputs, Ruling, State, supervise
 from noctule.flight.worker import Matcher, MatchWorker
 from noctule.geometry import Pose
 from noctule.messages import (
     Command,
     Decision,
-    MatchResult,
     Observation,
     Outcome,
-    Picture,
     Pilot,
     Truth,
     VehicleState,
@@ -47,6 +46,7 @@ class LoopSettings:
     match_delay_s: float | None = 0.15  # simulated delay of the matching worker; None: real life
     valid_for_s: float = 0.25  # a command that nothing follows expires after this
     land_at_end: bool = True
+    land_when_lost: bool = False  # a pilot that is lost may not know how to stay where it is
     height: float = 1.0  # [m], of the take-off where the vehicle stands on the ground
 
 
@@ -58,7 +58,7 @@ class _Loop:
         rig: Rig,
         settings: LoopSettings,
         bounds: Bounds,
-        worker: MatchWorker,
+        worker: MatchWorker | None,
         recorder: FlightRecorder | None,
         start: Pose,
         sent: list[Command],
@@ -74,7 +74,7 @@ class _Loop:
         self.supervisor = State.FLYING
         self.previous = Command()
         self.reckoning = DeadReckoning(np.array(start.position, dtype=np.float64), start.yaw)
-        self.picture: Picture | None = None
+        self.senses = Senses(rig, self.origin, bounds.picture_age)
         self.landing = False
 
     def wait(self) -> None:
@@ -86,26 +86,18 @@ class _Loop:
         self.rig.clock.sleep_until(self.origin + self.count * self.dt)
         self.stamp = self.rig.clock.now()
 
-    def new_picture(self) -> Picture | None:
-        """Return the newest picture if it was not seen before."""
-        try:
-            picture = self.rig.camera.latest(self.bounds.picture_age)
-        except StaleFrameError:
-            return None
-        if self.picture is not None and picture.stamp <= self.picture.stamp:
-            return None
-        self.picture = picture
-        return picture
-
-    def rule(self, wanted: Command, state: VehicleState, hover: bool, land: bool, elapsed: float) -> Ruling:
-        """Let the supervisor decide."""
+    def rule(self, decision: Decision | None, state: VehicleState, land: bool, elapsed: float) -> Ruling:
+        """Let the supervisor decide; without a decision the flight is being ended."""
         self.reckoning = self.reckoning.advance(state, self.previous.as_array(), elapsed)
-        seen = self.origin if self.picture is None else self.picture.stamp
+        if decision is not None and decision.whereabouts is not None:
+            self.reckoning = DeadReckoning.at(decision.whereabouts)
+        # Nobody looks at pictures any more once the flight is being ended.
+        picture_age, depth_age = (0.0, 0.0) if decision is None else self.senses.ages(self.stamp, decision)
         inputs = Inputs(
-            wanted=wanted,
+            wanted=Command() if decision is None else decision.command,
             dt=self.dt,
-            # Nobody looks at pictures any more once the flight is being ended.
-            picture_age=0.0 if hover or land else self.stamp - seen,
+            picture_age=picture_age,
+            depth_age=depth_age,
             state_age=self.stamp - state.stamp,
             flight_state=state.flight_state,
             battery=state.battery,
@@ -113,7 +105,7 @@ class _Loop:
             yaw=self.reckoning.yaw,
             margin=self.reckoning.margin(self.bounds.fence),
             emergency_asked=self.orders.emergency.is_set(),
-            hover_asked=hover or self.orders.hover.is_set(),
+            hover_asked=decision is None or self.orders.hover.is_set(),
             land_asked=land or self.orders.land.is_set(),
         )
         ruling = supervise(self.supervisor, inputs, self.previous, self.bounds)
@@ -141,29 +133,29 @@ class _Loop:
 
     def fly_tick(self, pilot: Pilot, flown: Flown) -> None:
         """One tick with the pilot."""
-        before, state, picture = self.stamp, self.rig.vehicle.state(), self.new_picture()
-        matches = self.worker.collect(self.stamp)
+        state, (picture, depth) = self.rig.vehicle.state(), self.senses.look()
+        matches = () if self.worker is None else self.worker.collect(self.stamp)
+        told = Observation(self.stamp, state, picture, matches, depth, self.sent[-1] if self.sent else None)
         begin = time.perf_counter()
-        decision = pilot.step(Observation(self.stamp, state, picture, matches))
-        ruling = self.rule(decision.command, state, False, False, self.dt if flown.samples.times else 0.0)
+        decision = pilot.step(told)
+        ruling = self.rule(decision, state, False, self.dt if flown.samples.times else 0.0)
         tick_ms = 1e3 * (time.perf_counter() - begin)
         sent = self.execute(ruling)
-        if self.picture is not None:
+        if self.worker is not None and self.senses.picture is not None:
             for request in decision.requests:
-                self.worker.submit(request, self.picture, before)
+                self.worker.submit(request, self.senses.picture, self.stamp)
         flown.phase, flown.end = decision.phase, self.stamp
         flown.samples.times.append(self.stamp)
         flown.samples.tick_ms.append(tick_ms)
         flown.samples.epsilons.append(decision.diagnostics.epsilon_px)
         flown.samples.targets.append(decision.diagnostics.target_index)
-        truth = self.record(state, picture, matches, ruling, sent, decision, tick_ms)
+        flown.samples.whereabouts.append(decision.whereabouts)
+        truth = self.record(told, ruling, sent, decision, tick_ms)
         self.judge(flown, decision, ruling, truth)
 
     def record(
         self,
-        state: VehicleState,
-        picture: Picture | None,
-        matches: tuple[MatchResult, ...],
+        told: Observation,
         ruling: Ruling,
         sent: Command,
         decision: Decision | None = None,
@@ -174,7 +166,18 @@ class _Loop:
         if self.recorder is not None:
             asked = Command() if decision is None else decision.command
             message = sent_message(self.stamp, asked, sent, ruling.state, ruling.action, ruling.reason)
-            self.recorder.tick(self.stamp, state, picture, matches, truth, message, decision, tick_ms)
+            self.recorder.tick(
+                self.stamp,
+                told.state,
+                told.picture,
+                told.matches,
+                truth,
+                message,
+                decision,
+                tick_ms,
+                told.depth,
+                told.sent,
+            )
         return truth
 
     def judge(self, flown: Flown, decision: Decision, ruling: Ruling, truth: Truth | None) -> None:
@@ -200,10 +203,10 @@ class _Loop:
             state = self.rig.vehicle.state()
             since = self.stamp - begin
             landing = (resting and land) or self.supervisor == State.LANDING
-            ruling = self.rule(Command(), state, True, landing, self.dt)
+            ruling = self.rule(None, state, landing, self.dt)
             sent = self.execute(ruling)
             try:
-                self.record(state, None, (), ruling, sent)
+                self.record(Observation(self.stamp, state), ruling, sent)
             except RecordingError:
                 self.recorder = None
             speed = 0.0 if state.v_body is None else float(np.linalg.norm(state.v_body))
@@ -215,7 +218,7 @@ class _Loop:
 def fly(
     rig: Rig,
     pilot: Pilot,
-    matcher: Matcher,
+    matcher: Matcher | None,
     settings: LoopSettings,
     bounds: Bounds,
     recorder: FlightRecorder | None,
@@ -225,12 +228,13 @@ def fly(
 ) -> Flown:
     """Fly until the pilot, the judge, the supervisor or Ctrl-C ends it, then brake to hover (and land).
 
-    The vehicle is connected and the camera open. `start` is where dead reckoning begins. What went wrong is
+    The vehicle is connected and the cameras open. Without a `matcher` the pilot may ask for no matches.
+    `start` is where dead reckoning begins. What went wrong is
     in the result's `error`, for the caller to raise once all is closed.
     """
     take_off(rig, settings.height, settings.rate_hz)
     flown = Flown()
-    worker = MatchWorker(matcher, settings.match_delay_s)
+    worker = None if matcher is None else MatchWorker(matcher, settings.match_delay_s)
     loop = _Loop(rig, settings, bounds, worker, recorder, start, flown.samples.sent, orders or Orders())
     with interruptible() as interrupted, _collected():
         try:
@@ -252,7 +256,8 @@ def fly(
                     show(loop.stamp - flown.begin, flown.phase)
                     loop.wait()
             try:
-                loop.end(settings.land_at_end or flown.outcome == Outcome.ABORTED)
+                lost = settings.land_when_lost and flown.outcome == Outcome.LOST
+                loop.end(settings.land_at_end or lost or flown.outcome == Outcome.ABORTED)
             except DeviceError as error:
                 # The first error tells more: a lost link fails here again.
                 flown.error = flown.error or error
@@ -261,7 +266,8 @@ def fly(
                 rig.vehicle.land()
             raise
         finally:
-            worker.close()
+            if worker is not None:
+                worker.close()
     return flown
 
 

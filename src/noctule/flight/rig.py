@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from noctule.devices.protocols import Camera, Clock, DeviceError, Referee, Vehicle
+from noctule.devices.protocols import Camera, Clock, DepthCamera, DeviceError, Referee, Vehicle
 from noctule.messages import FlightState
 
 _TAKEOFF_LIMIT = 20.0  # [s]
@@ -12,12 +12,13 @@ _TAKEOFF_LIMIT = 20.0  # [s]
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """The devices, and the referee where there is one."""
+    """The devices; the front camera, the depth camera above and the referee where there is one."""
 
     clock: Clock
     vehicle: Vehicle
-    camera: Camera
+    camera: Camera | None = None
     referee: Referee | None = None
+    ceiling: DepthCamera | None = None
 
 
 def take_off(rig: Rig, height: float, rate_hz: float = 30.0) -> None:

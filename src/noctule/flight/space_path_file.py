@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -46,18 +47,27 @@ class SpacePathFileError(NoctuleError):
 
 
 def read_space_path(file: Path, limits: Limits | None = None) -> PathPlan:
-    """Return the plan of a path file, .csv or .toml, within the `limits` of a vehicle if they are given.
+    """Return the plan of a path file, as `space_path_of` does. Raises SpacePathFileError."""
+    return space_path_of(file, read_path_text(file), limits)
+
+
+def read_path_text(file: Path) -> str:
+    """Return what a path file holds; raises SpacePathFileError."""
+    try:
+        return file.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise SpacePathFileError(f"{file}: it is not UTF-8 text; save it as UTF-8") from None
+    except OSError as error:
+        raise SpacePathFileError(f"{file}: cannot be read: {error.strerror or error}") from None
+
+
+def space_path_of(file: Path, text: str, limits: Limits | None = None) -> PathPlan:
+    """Return the plan of a path file's text, .csv or .toml, within the `limits` of a vehicle if given.
 
     A CSV file holds waypoints [m], a line each under a line of names, and is flown as a smooth curve at the
     usual speed, with the heading along it or, where there is a column for it, as given; if the last waypoint
     is the first again, the path is closed. Raises SpacePathFileError.
     """
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise SpacePathFileError(f"{file}: it is not UTF-8 text; save it as UTF-8") from None
-    except OSError as error:
-        raise SpacePathFileError(f"{file}: cannot be read: {error.strerror or error}") from None
     if file.suffix.lower() == ".csv":
         return _of_csv(file, text, limits)
     if file.suffix.lower() == ".toml":
@@ -139,12 +149,27 @@ def _of_toml(file: Path, text: str, limits: Limits | None) -> PathPlan:
     except ValidationError as error:
         raise SpacePathFileError(explain(error, SpacePathEntries, text, str(file))) from None
     lines = key_lines(text)
+
+    def where(k: int) -> str:
+        line = line_of(lines, ("segments", k))
+        return f"{file}: segments[{k}]" if line is None else f"{file}:{line}: segments[{k}]"
+
+    return plan_of_entries(entries, str(file), where, limits)
+
+
+def plan_of_entries(
+    entries: SpacePathEntries, name: str, where: Callable[[int], str], limits: Limits | None = None
+) -> PathPlan:
+    """Return the plan of entries; `name` and `where` (by the segment's index) stand in errors.
+
+    Raises SpacePathFileError.
+    """
     pieces = []
     for k, entry in enumerate(entries.segments):
         try:
             pieces.append(_piece(entry, entries.closed and len(entries.segments) == 1))
         except PathShapeError as error:
-            raise SpacePathFileError(f"{_where(file, lines, k)}: {error}") from None
+            raise SpacePathFileError(f"{where(k)}: {error}") from None
     try:
         path = joined(pieces, entries.closed)
         made = plan(
@@ -158,15 +183,10 @@ def _of_toml(file: Path, text: str, limits: Limits | None) -> PathPlan:
             limits=limits,
         )
     except PathJoinError as error:
-        raise SpacePathFileError(f"{_where(file, lines, error.piece)}: {error}") from None
+        raise SpacePathFileError(f"{where(error.piece)}: {error}") from None
     except PathShapeError as error:
-        raise SpacePathFileError(f"{file}: {error}") from None
+        raise SpacePathFileError(f"{name}: {error}") from None
     return made
-
-
-def _where(file: Path, lines: dict[tuple[str | int, ...], int], k: int) -> str:
-    line = line_of(lines, ("segments", k))
-    return f"{file}: segments[{k}]" if line is None else f"{file}:{line}: segments[{k}]"
 
 
 def _piece(entry: SegmentEntry, closed: bool) -> SpacePath:

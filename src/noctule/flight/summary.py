@@ -16,7 +16,7 @@ from noctule.flight.cross_track import Reference, cross_track, level_curve, poly
 from noctule.flight.mission import Mission
 from noctule.flight.reader import Recording, Tick, read_recording
 from noctule.geometry import Array, Pose, wrap_angle
-from noctule.messages import Command, Outcome, Truth
+from noctule.messages import Command, Outcome, Truth, Whereabouts
 
 OUTCOMES = tuple(str(o) for o in Outcome)
 
@@ -54,6 +54,7 @@ class Samples:
     epsilons: list[float] = field(default_factory=list)  # [px], the same ticks
     targets: list[int] = field(default_factory=list)  # index of the image flown to, the same ticks
     truths: list[Truth] = field(default_factory=list)  # the same ticks, empty without a referee
+    whereabouts: list[Whereabouts | None] = field(default_factory=list)  # the same ticks
     sent: list[Command] = field(default_factory=list)  # all ticks, the braking at the end included
 
 
@@ -67,6 +68,7 @@ def samples_of(ticks: Sequence[Tick]) -> Samples:
             samples.tick_ms.append(tick.tick_ms)
             samples.epsilons.append(tick.decision.diagnostics.epsilon_px)
             samples.targets.append(tick.decision.diagnostics.target_index)
+            samples.whereabouts.append(tick.decision.whereabouts)
             if tick.truth is not None:
                 samples.truths.append(tick.truth)
     return samples

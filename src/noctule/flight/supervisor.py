@@ -47,9 +47,10 @@ class Condition(Enum):
     LAND_ASKED = "landing was asked for"
     VEHICLE_LANDING = "the vehicle is landing by itself"
     BATTERY_LOW = "the battery is low"
-    BLIND_LONG = "no picture, report or command came for too long"
+    BLIND_LONG = "no picture, depth frame, report or command came for too long"
     STATE_STALE = "the vehicle's report is old"
     PICTURE_STALE = "the newest picture is old"
+    DEPTH_STALE = "no depth frame came for long"
     COMMAND_EXPIRED = "the pilot's last command has expired"
     HOVER_ASKED = "hover was asked for"
 
@@ -63,6 +64,7 @@ LAND_CONDITIONS = (
 HOVER_CONDITIONS = (
     Condition.STATE_STALE,
     Condition.PICTURE_STALE,
+    Condition.DEPTH_STALE,
     Condition.COMMAND_EXPIRED,
     Condition.HOVER_ASKED,
 )
@@ -76,6 +78,7 @@ class Bounds:
     fence: Fence = field(default_factory=Fence)
     command_age: float = 0.2  # [s], older: hover
     picture_age: float = 0.5  # [s], older: hover
+    depth_age: float = 12.0  # [s], older: hover; a located pilot has long done so by itself
     state_age: float = 0.5  # [s], older: hover
     land_after: float = 3.0  # [s] that any of these lasts beyond its limit: land
     battery: float = 0.1  # 0 to 1, below: land
@@ -88,7 +91,8 @@ class Inputs:
     wanted: Command  # the pilot's last command
     dt: float  # [s] since the last tick
     command_age: float = 0.0  # [s] since the pilot gave it
-    picture_age: float = 0.0  # [s] since the newest picture was taken
+    picture_age: float = 0.0  # [s] since the newest picture was taken, where it flies by pictures
+    depth_age: float = 0.0  # [s] since the newest depth frame was taken, where it flies by those
     state_age: float = 0.0  # [s] since the vehicle's newest report
     flight_state: FlightState = FlightState.FLYING
     battery: float | None = None  # 0 to 1
@@ -118,6 +122,7 @@ def conditions(inputs: Inputs, bounds: Bounds) -> frozenset[Condition]:
         inputs.command_age - bounds.command_age,
         inputs.picture_age - bounds.picture_age,
         inputs.state_age - bounds.state_age,
+        inputs.depth_age - bounds.depth_age,
     )
     facts = {
         Condition.EMERGENCY: inputs.emergency_asked or inputs.flight_state == FlightState.EMERGENCY,
@@ -128,6 +133,7 @@ def conditions(inputs: Inputs, bounds: Bounds) -> frozenset[Condition]:
         Condition.BLIND_LONG: max(ages) > bounds.land_after,
         Condition.STATE_STALE: ages[2] > 0.0,
         Condition.PICTURE_STALE: ages[1] > 0.0,
+        Condition.DEPTH_STALE: ages[3] > 0.0,
         Condition.COMMAND_EXPIRED: ages[0] > 0.0,
         Condition.HOVER_ASKED: inputs.hover_asked,
     }

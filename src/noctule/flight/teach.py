@@ -50,8 +50,9 @@ def fly_through(rig: Rig, goals: list[Pose], limits: Limits, rate: float) -> lis
 
     A shot's truth and attitude are those at its exposure, not at its delivery. Raises TeachError.
     """
-    referee = rig.referee
+    referee, camera = rig.referee, rig.camera
     assert referee is not None
+    assert camera is not None
     dt, tick, begin = 1.0 / rate, 0, rig.clock.now()
     previous = Command()
     past: deque[tuple[Truth, VehicleState]] = deque(maxlen=int(_LATE * rate) + 2)
@@ -72,7 +73,7 @@ def fly_through(rig: Rig, goals: list[Pose], limits: Limits, rate: float) -> lis
             if truth.contacts or rig.clock.now() - arrived > _PATIENCE:
                 raise TeachError(_why_not(number, goal, truth))
         settled = rig.clock.now()
-        while (picture := rig.camera.latest(_LATE)).stamp < settled:
+        while (picture := camera.latest(_LATE)).stamp < settled:
             step(goal)
         truth, state = min(past, key=lambda p: abs(p[0].stamp - picture.stamp))
         shots.append(Shot(picture.pixels, state.roll or 0.0, state.pitch or 0.0, truth.pose))

@@ -111,12 +111,14 @@ class _Flight:
         return Status(stamp, truth.pose, self.chooser.shared(), touched, self.picture)
 
     def _look(self) -> None:
+        camera = self.rig.camera
+        assert camera is not None
         with suppress(StaleFrameError):  # the first picture has not come yet
-            picture = self.rig.camera.latest(_LATE)
+            picture = camera.latest(_LATE)
             if self.picture is None or picture.stamp > self.picture.stamp:
                 self.picture = picture
                 truth, state = min(self.past, key=lambda p: abs(p[0].stamp - picture.stamp))
-                stabilised = self.rig.camera.mount.stabilised
+                stabilised = camera.mount.stabilised
                 attitude = (0.0, 0.0) if stabilised else (state.roll or 0.0, state.pitch or 0.0)
                 self.truths[picture.stamp] = truth.pose
                 self.chooser.look(Frame(picture.stamp, picture.pixels, attitude))
