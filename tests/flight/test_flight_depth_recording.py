@@ -13,8 +13,8 @@ import pytest
 from mcap.reader import make_reader
 
 from noctule.camera import CEILING_CAMERA
-from noctule.flight import depth_recording
-from noctule.flight import recording as recording_module
+from noctule.flight import depth_image, depth_recording
+from noctule.flight import mcap_recorder as recording_module
 from noctule.flight.depth_recording import DepthRecorder, read_depth_recording
 from noctule.flight.reader import RecordingFileError, whole_records
 from noctule.flight.recording import RecordingError
@@ -210,12 +210,12 @@ def test_a_camera_or_a_frame_that_makes_no_sense_is_one_line(tmp_path, monkeypat
         f"recording {path}: its camera cannot be read; was the file changed after it was recorded?"
     )
     monkeypatch.undo()
-    make = depth_recording.RawImage
-    monkeypatch.setattr(depth_recording, "RawImage", lambda **v: make(**{**v, "encoding": "bayer_rggb8"}))
+    make = depth_image.RawImage
+    monkeypatch.setattr(depth_image, "RawImage", lambda **v: make(**{**v, "encoding": "bayer_rggb8"}))
     assert message(write(path, frames(1))) == (
         f"recording {path}: its depth is encoded as 'bayer_rggb8', expected 16UC1 (millimetres)"
     )
-    monkeypatch.setattr(depth_recording, "RawImage", lambda **v: make(**{**v, "data": b"ab"}))
+    monkeypatch.setattr(depth_image, "RawImage", lambda **v: make(**{**v, "data": b"ab"}))
     assert message(write(path, frames(1))) == (
         f"recording {path}: a depth frame of 64x48 px holds 2 bytes; was the file changed after it was "
         "recorded?"
@@ -223,10 +223,10 @@ def test_a_camera_or_a_frame_that_makes_no_sense_is_one_line(tmp_path, monkeypat
 
 
 def test_depth_in_metres_is_read_as_it_is_for_the_health_check_to_name(tmp_path, monkeypatch):
-    make = depth_recording.RawImage
+    make = depth_image.RawImage
     metres = np.full((48, 64), 2.5, dtype="<f4")
     monkeypatch.setattr(
-        depth_recording,
+        depth_image,
         "RawImage",
         lambda **v: make(**{**v, "encoding": "32FC1", "step": 256, "data": metres.tobytes()}),
     )

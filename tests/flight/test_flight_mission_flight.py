@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import noctule.flight.mcap_recorder as recording_module
 import noctule.flight.mission_flight as mission_flight
-import noctule.flight.recording as recording_module
 from noctule.flight import (
     Aborted,
     RecordingError,

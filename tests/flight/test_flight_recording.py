@@ -257,7 +257,7 @@ def test_a_full_disk_is_one_line_and_what_was_written_can_be_read(tmp_path):
     path = tmp_path / "full.mcap"
     done = run_python(f"""
 import resource
-resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+resource.setrlimit(resource.RLIMIT_FSIZE, (90_000, 90_000))
 try:
     with FlightRecorder(Path({str(path)!r})) as recorder:
         for second in range(20):

@@ -16,13 +16,16 @@ from noctule.messages import (
     Command,
     Decision,
     Diagnostics,
+    Doubt,
     FlightState,
     MatchRequest,
     MatchResult,
     Outcome,
     Picture,
+    PoseMeasurement,
     Truth,
     VehicleState,
+    Whereabouts,
 )
 
 pb: Any = flight_pb2  # its classes are made when it is imported, no type checker sees them
@@ -65,9 +68,14 @@ def decode_command(message: Any) -> Command:
 
 
 def encode_observation(
-    stamp: float, state: VehicleState, picture: Picture | None, matches: tuple[MatchResult, ...]
+    stamp: float,
+    state: VehicleState,
+    picture: Picture | None,
+    matches: tuple[MatchResult, ...],
+    depth_stamp: float | None = None,
+    sent: Command | None = None,
 ) -> Any:
-    """Return pb.Observation; the pixels travel on their own."""
+    """Return pb.Observation; pixels and depth travel on their own."""
     given = {name: getattr(state, name) for name in _OPTIONAL if getattr(state, name) is not None}
     return pb.Observation(
         stamp=stamp,
@@ -88,6 +96,8 @@ def encode_observation(
             )
             for m in matches
         ],
+        depth_stamp=depth_stamp,
+        sent=None if sent is None else encode_command(sent),
     )
 
 
@@ -134,6 +144,7 @@ def encode_decision(stamp: float, decision: Decision, tick_ms: float) -> Any:
         outcome="" if decision.outcome is None else str(decision.outcome),
         reason=decision.reason,
         tick_ms=tick_ms,
+        whereabouts=None if decision.whereabouts is None else _encode_whereabouts(decision.whereabouts),
     )
 
 
@@ -162,6 +173,59 @@ def decode_decision(message: Any) -> Decision:
         tuple(MatchRequest(k) for k in message.requests),
         Outcome(message.outcome) if message.outcome else None,
         message.reason,
+        _decode_whereabouts(message.whereabouts) if message.HasField("whereabouts") else None,
+    )
+
+
+def _encode_whereabouts(known: Whereabouts) -> Any:
+    m = known.measured
+    return pb.Whereabouts(
+        stamp=known.stamp,
+        position=_flat(known.position),
+        yaw=known.yaw,
+        velocity=_flat(known.velocity),
+        position_sd=known.position_sd,
+        yaw_sd=known.yaw_sd,
+        wanted=_flat(known.wanted),
+        path_time=known.path_time,
+        s=known.s,
+        holding=known.holding,
+        doubt=str(known.doubt),
+        doubt_reason=known.doubt_reason,
+        measured=None
+        if m is None
+        else pb.PoseMeasurement(
+            stamp=m.stamp,
+            position=_flat(m.position),
+            yaw=m.yaw,
+            covariance=_flat(m.covariance),
+            source=m.source,
+        ),
+        unseen_reason=known.unseen_reason,
+    )
+
+
+def _decode_whereabouts(message: Any) -> Whereabouts:
+    m = message.measured
+    return Whereabouts(
+        stamp=message.stamp,
+        position=np.array(message.position, dtype=np.float64),
+        yaw=message.yaw,
+        velocity=np.array(message.velocity, dtype=np.float64),
+        position_sd=message.position_sd,
+        yaw_sd=message.yaw_sd,
+        wanted=np.array(message.wanted, dtype=np.float64),
+        path_time=message.path_time,
+        s=message.s,
+        holding=message.holding,
+        doubt=Doubt(message.doubt),
+        doubt_reason=message.doubt_reason,
+        measured=PoseMeasurement(
+            m.stamp, np.array(m.position), m.yaw, np.array(m.covariance).reshape(4, 4), m.source
+        )
+        if message.HasField("measured")
+        else None,
+        unseen_reason=message.unseen_reason,
     )
 
 

@@ -1,8 +1,6 @@
 """Depth frames in MCAP files: written as they come at 30 Hz, read back as a stream, without loss.
 
-`/depth` is foxglove.RawImage (16UC1, millimetres), which viewers draw as it is; the chunks of the file are
-compressed with zstd: lossless, in a quarter of the time and two thirds of the size of 16-bit PNG.
-`/colour` is JPEG or PNG. What localization made of each frame is on `/located`, and on `/pose` for viewers.
+Frames are as `depth_image` says. What localization made of each is on `/located`, and on `/pose` for viewers.
 """
 
 from __future__ import annotations
@@ -17,32 +15,24 @@ from typing import Any
 
 import foxglove
 import numpy as np
-from foxglove.channels import CompressedImageChannel, PoseInFrameChannel, RawImageChannel
+from foxglove.channels import PoseInFrameChannel
 from foxglove.mcap import MCAPCompression
-from foxglove.messages import (
-    CompressedImage,
-    PoseInFrame,
-    Quaternion,
-    RawImage,
-    Timestamp,
-    Vector3,
-)
 from foxglove.messages import Pose as DrawnPose
+from foxglove.messages import PoseInFrame, Quaternion, Vector3
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage as CompressedImagePb
-from foxglove_schemas_protobuf.RawImage_pb2 import RawImage as RawImagePb
 from mcap.reader import make_reader
 from mcap.records import Channel, Message, Metadata
 
 from noctule.camera import FixedCamera, PinholeCamera
-from noctule.flight.proto import depth_pb2
-from noctule.flight.reader import MAGIC, UNREADABLE, RecordingFileError, decode_picture, records_of
-from noctule.flight.recording import McapRecorder, encode_picture
-from noctule.messages import DepthFrame, Picture, PoseMeasurement
+from noctule.flight.depth_image import DepthChannels, decode_depth, drawn_at, pb
+from noctule.flight.mcap_file import MAGIC, UNREADABLE, RecordingFileError, records_of
+from noctule.flight.mcap_recorder import McapRecorder
+from noctule.flight.recording_pictures import decode_picture
+from noctule.messages import DepthFrame, PoseMeasurement
 
-pb: Any = depth_pb2  # its classes are made when it is imported, no type checker sees them
+__all__ = ["FORMAT", "DepthRecorder", "DepthRecording", "pb", "read_depth_recording"]
 
 FORMAT = "noctule-depth-1"
-_TYPES = {"16UC1": "<u2", "mono16": "<u2", "32FC1": "<f4", "8UC1": "u1", "mono8": "u1"}
 
 
 class DepthRecorder(McapRecorder):
@@ -57,42 +47,19 @@ class DepthRecorder(McapRecorder):
         jpeg_quality: int = 90,
     ) -> None:
         super().__init__(path, FORMAT, MCAPCompression.Zstd)
-        self._lossless, self._jpeg_quality = lossless_colour, jpeg_quality
-        self._depth = RawImageChannel("/depth", context=self._context)
-        self._colour = CompressedImageChannel("/colour", context=self._context)
         self._pose = PoseInFrameChannel("/pose", context=self._context)
         self._own: dict[str, foxglove.Channel] = {
             name: self._channel(getattr(pb, name)) for name in ("Exposure", "Located")
         }
+        self._frames = DepthChannels(self._context, self._own["Exposure"], lossless_colour, jpeg_quality)
         if camera is not None:
             self.note("camera", _camera_note(camera))
 
     def frame(self, frame: DepthFrame) -> None:
         """Write one frame; its arrays must not change after they are handed in."""
         self._check()
-        self._jobs.put(lambda: self._log_frame(frame))
+        self._jobs.put(lambda: self._frames.log(frame, drawn_at(frame.stamp)[0]))
         self._flush_each_second(frame.stamp)
-
-    def _log_frame(self, frame: DepthFrame) -> None:
-        height, width = frame.depth.shape
-        time_ns, when = _times(frame.stamp)
-        message = RawImage(
-            timestamp=when,
-            frame_id="camera",
-            width=width,
-            height=height,
-            encoding="16UC1",
-            step=2 * width,
-            data=np.ascontiguousarray(frame.depth, dtype="<u2").tobytes(),
-        )
-        self._depth.log(message, log_time=time_ns)
-        if frame.colour is not None:
-            data = encode_picture(Picture(frame.stamp, frame.colour), self._lossless, self._jpeg_quality)
-            kind = "png" if self._lossless else "jpeg"
-            colour = CompressedImage(timestamp=when, frame_id="camera", data=data, format=kind)
-            self._colour.log(colour, log_time=time_ns)
-        # Always the last of its frame: the reader takes a frame without it for cut short.
-        self._send("Exposure", pb.Exposure(stamp=frame.stamp, colour=frame.colour is not None), time_ns)
 
     def _send(self, name: str, message: Any, time_ns: int) -> None:
         self._own[name].log(message.SerializeToString(deterministic=True), log_time=time_ns)
@@ -116,7 +83,7 @@ class DepthRecorder(McapRecorder):
         self._flush_each_second(stamp)
 
     def _log_located(self, message: Any) -> None:
-        time_ns, when = _times(message.stamp)
+        time_ns, when = drawn_at(message.stamp)
         self._send("Located", message, time_ns)
         if message.position:
             x, y, z = message.position
@@ -124,12 +91,6 @@ class DepthRecorder(McapRecorder):
             pose = DrawnPose(position=Vector3(x=x, y=y, z=z), orientation=turned)
             drawn = PoseInFrame(timestamp=when, frame_id="world", pose=pose)
             self._pose.log(drawn, log_time=time_ns)
-
-
-def _times(stamp: float) -> tuple[int, Timestamp]:
-    # For viewers, and never negative; the exact stamp is in the Exposure.
-    time_ns = max(round(stamp * 1e9), 0)
-    return time_ns, Timestamp(time_ns // 1_000_000_000, time_ns % 1_000_000_000)
 
 
 def _camera_note(camera: FixedCamera) -> dict[str, str]:
@@ -163,13 +124,13 @@ class DepthRecording:
         parts: dict[str, Any] = {}
         for topic, data in _messages(self.path):
             if topic == "/depth":
-                parts = {"depth": RawImagePb.FromString(data)}
+                parts = {"depth": data}
             elif topic == "/colour":
                 parts["colour"] = CompressedImagePb.FromString(data).data
             elif topic == "/exposure" and "depth" in parts:
                 exposure = pb.Exposure.FromString(data)
                 colour = decode_picture(parts["colour"]) if exposure.colour else None
-                yield DepthFrame(exposure.stamp, _depth_image(parts["depth"], self.path), colour)
+                yield DepthFrame(exposure.stamp, decode_depth(parts["depth"], self.path), colour)
                 parts = {}
 
     def located(self) -> Iterator[Any]:
@@ -177,22 +138,6 @@ class DepthRecording:
         for topic, data in _messages(self.path):
             if topic == "/located":
                 yield pb.Located.FromString(data)
-
-
-def _depth_image(message: Any, path: Path) -> Any:
-    kind = _TYPES.get(message.encoding)
-    if kind is None:
-        raise RecordingFileError(
-            f"recording {path}: its depth is encoded as {message.encoding!r}, expected 16UC1 (millimetres)"
-        )
-    row = message.width * np.dtype(kind).itemsize
-    if message.step < row or len(message.data) != message.height * message.step:
-        raise RecordingFileError(
-            f"recording {path}: a depth frame of {message.width}x{message.height} px holds "
-            f"{len(message.data)} bytes; was the file changed after it was recorded?"
-        )
-    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)
-    return np.ascontiguousarray(rows[:, :row]).view(kind)
 
 
 def _messages(path: Path) -> Iterator[tuple[str, bytes]]:

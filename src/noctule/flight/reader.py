@@ -3,34 +3,55 @@
 from __future__ import annotations
 
 import io
-import struct
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-import cv2
-import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Header, Message, Metadata
-from mcap.stream_reader import StreamReader
-from zstandard import ZstdError
 
-from noctule.errors import NoctuleError
 from noctule.flight import codec
+from noctule.flight.depth_image import decode_depth, pb
+from noctule.flight.mcap_file import (
+    MAGIC,
+    UNREADABLE,
+    RecordingFileError,
+    records_of,
+    stored_records,
+    whole_records,
+)
 from noctule.flight.recording import FORMAT
-from noctule.messages import Command, Decision, Observation, Picture, Truth
+from noctule.flight.recording_pictures import decode_picture
+from noctule.messages import Command, Decision, DepthFrame, Observation, Picture, Truth
 
-MAGIC = b"\x89MCAP0\r\n"
-"""What every MCAP file begins and ends with."""
-UNREADABLE = (McapError, ValueError, struct.error, ZstdError)
-"""What the MCAP library raises where a file was cut or damaged."""
-_FOOTER = 0x02
+__all__ = [
+    "MAGIC",
+    "UNREADABLE",
+    "Recording",
+    "RecordingFileError",
+    "StoredDepth",
+    "Tick",
+    "decode_picture",
+    "read_recording",
+    "records_of",
+    "whole_records",
+]
 
 
-class RecordingFileError(NoctuleError):
-    """A file that is no recording of a flight."""
+@dataclass(frozen=True, slots=True)
+class StoredDepth:
+    """A depth frame that was kept; unpacked only when it is asked for."""
+
+    path: Path  # of the recording, for what goes wrong
+    stamp: float  # [s], exposure
+    packed: Callable[[], bytes] = field(repr=False)  # gives the message on /depth
+    colour: bytes | None = field(default=None, repr=False)  # PNG or JPEG
+
+    def frame(self) -> DepthFrame:
+        """Return the frame; raises RecordingFileError."""
+        colour = None if self.colour is None else decode_picture(self.colour)
+        return DepthFrame(self.stamp, decode_depth(self.packed(), self.path), colour)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +69,22 @@ class Tick:
     action: str
     reason: str
     truth: Truth | None
+    depth: StoredDepth | None = None  # None where there was none, or only its stamp was kept
+
+    @property
+    def depth_stamp(self) -> float | None:
+        """The exposure [s] of the depth frame that the pilot was given, kept or not; None without one."""
+        return self.told.depth_stamp if self.told.HasField("depth_stamp") else None
 
     def observation(self) -> Observation:
-        """Return what the pilot was told; decodes the picture."""
+        """Return what the pilot was told; decodes the picture and the depth frame."""
         picture = None
         if self.picture is not None:
             picture = Picture(self.told.picture_stamp, decode_picture(self.picture))
         state = codec.decode_state(self.told.state)
-        return Observation(self.stamp, state, picture, codec.decode_matches(self.told))
+        depth = None if self.depth is None else self.depth.frame()
+        sent = codec.decode_command(self.told.sent) if self.told.HasField("sent") else None
+        return Observation(self.stamp, state, picture, codec.decode_matches(self.told), depth, sent)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,59 +103,33 @@ class Recording:
         return self.notes.get("flight", {}).get("lossless") == "true"
 
     @property
+    def depth_kept(self) -> bool:
+        """Whether every depth frame that the pilot was given is here."""
+        return all(t.depth is not None for t in self.flown if t.depth_stamp is not None)
+
+    @property
     def flown(self) -> tuple[Tick, ...]:
         """The ticks at which the pilot was asked."""
         return tuple(t for t in self.ticks if t.decision is not None)
 
 
-def decode_picture(data: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """Return the RGB picture (height, width, 3) of PNG or JPEG data."""
-    bgr = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
-    if bgr is None:
-        raise RecordingFileError(
-            "recording: a picture cannot be decoded; was the file changed after the flight?"
-        )
-    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-
-
-def whole_records(data: bytes) -> tuple[int, bool]:
-    """Return how many bytes of an MCAP file are whole records, and whether the file was closed."""
-    at = len(MAGIC)
-    while at + 9 <= len(data):
-        kind, length = struct.unpack_from("<BQ", data, at)
-        if kind == 0 or at + 9 + length > len(data):
-            return at, False
-        at += 9 + length
-        if kind == _FOOTER:
-            return at, data[at:] == MAGIC
-    return at, False
-
-
-def records_of(stream: IO[bytes]) -> Iterator[Any]:
-    """Yield the records of an MCAP file whose magic was read, up to where it was cut or damaged."""
-    try:
-        yield from StreamReader(stream, skip_magic=True, validate_crcs=True).records
-    except UNREADABLE:
-        # The end of what can be read: nothing behind it is lost by stopping here.
-        return
-
-
 class _Builder:
     """Puts the messages of each tick together; a tick without its last message is dropped."""
 
-    def __init__(self) -> None:
+    def __init__(self, path: Path) -> None:
         self.ticks: list[Tick] = []
+        self._path = path
         self._parts: dict[str, Any] = {}
 
-    def add(self, name: str, message: Any) -> None:
-        self._parts[name] = message
-        if name == "Sent":
+    def add(self, topic: str, data: bytes, packed: Callable[[], bytes]) -> None:
+        self._parts[topic] = packed if topic == "/depth" else _KINDS[topic].FromString(data)
+        if topic == "/sent":
             self._finish()
 
     def _finish(self) -> None:
         parts, self._parts = self._parts, {}
-        told, sent, decision = parts["Observation"], parts["Sent"], parts.get("Decision")
-        image = parts.get("CompressedImage")
+        told, sent, decision = parts["/observation"], parts["/sent"], parts.get("/decision")
+        image = parts.get("/camera")
         self.ticks.append(
             Tick(
                 stamp=told.stamp,
@@ -139,13 +142,24 @@ class _Builder:
                 supervisor=sent.supervisor_state,
                 action=sent.action,
                 reason=sent.reason,
-                truth=codec.decode_truth(parts["Truth"]) if "Truth" in parts else None,
+                truth=codec.decode_truth(parts["/truth"]) if "/truth" in parts else None,
+                depth=self._depth(parts),
             )
         )
 
+    def _depth(self, parts: dict[str, Any]) -> StoredDepth | None:
+        exposure = parts.get("/exposure")
+        if exposure is None or "/depth" not in parts:
+            return None
+        colour = parts["/colour"].data if exposure.colour else None
+        return StoredDepth(self._path, exposure.stamp, parts["/depth"], colour)
 
-_KINDS = {
+
+_KINDS: dict[str, Any] = {
     "/camera": CompressedImage,
+    "/depth": None,  # stays packed
+    "/colour": CompressedImage,
+    "/exposure": pb.Exposure,
     "/observation": codec.pb.Observation,
     "/decision": codec.pb.Decision,
     "/sent": codec.pb.Sent,
@@ -174,8 +188,8 @@ def read_recording(path: Path) -> Recording:
     names: dict[int, str] = {}
     notes: dict[str, dict[str, str]] = {}
     files: dict[str, bytes] = {}
-    builder = _Builder()
-    for record in records_of(io.BytesIO(data[len(MAGIC) : whole_records(data)[0]])):
+    builder = _Builder(path)
+    for record, packed in stored_records(io.BytesIO(data[len(MAGIC) : whole_records(data)[0]])):
         if isinstance(record, Header) and record.profile != FORMAT:
             raise RecordingFileError(
                 f"recording {path}: its format is {record.profile!r}, this version reads {FORMAT!r}; "
@@ -184,8 +198,7 @@ def read_recording(path: Path) -> Recording:
         if isinstance(record, Channel):
             names[record.id] = record.topic
         elif isinstance(record, Message) and names.get(record.channel_id) in _KINDS:
-            kind = _KINDS[names[record.channel_id]]
-            builder.add(kind.DESCRIPTOR.name, kind.FromString(record.data))
+            builder.add(names[record.channel_id], record.data, packed)
         elif isinstance(record, Metadata):
             notes[record.name] = dict(record.metadata)
         elif isinstance(record, Attachment):
