@@ -173,9 +173,9 @@ def test_the_phases_go_to_the_start_along_the_path_with_its_stop_and_back_home()
     phases = [r.phase for r in flight.reports]
     order = [p for k, p in enumerate(phases) if k == 0 or p is not phases[k - 1]]
     P = FollowPhase
-    assert order[:4] == [P.TO_START, P.FOLLOW, P.STOP, P.FOLLOW]
+    assert order[:5] == [P.TO_START, P.SETTLE, P.FOLLOW, P.STOP, P.FOLLOW]
     assert order[-2:] == [P.RETURN, P.HOLD]
-    assert set(order[4:-2]) <= {P.STOP}
+    assert set(order[5:-2]) <= {P.STOP}
     np.testing.assert_allclose(flight.state[-1, :4], (0.0, -0.4, 1.2, 0.0), atol=0.02)
     first = phases.index(P.FOLLOW)
     np.testing.assert_allclose(flight.state[first, :3], (0.5, 0, 1), atol=0.06)

@@ -6,72 +6,43 @@ Everything comes in with `step`: the estimate, the time, and what was really sen
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from enum import StrEnum
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pydantic import Field
 
-from noctule.control.cascade import CascadeSettings, cascade, disturbance_after, predict_over_delay
+from noctule.control.cascade import CascadeSettings, cascade
 from noctule.control.paths.heading import TurnReference, heading_at
 from noctule.control.paths.plan import PathPlan, straight
-from noctule.control.paths.progress import Progress, advance, begin
+from noctule.control.paths.progress import Progress, Reference, advance, begin
 from noctule.control.paths.speed import SpeedSettings
-from noctule.errors import NoctuleError
+from noctule.control.paths.spot import Spot, hold, spot_ahead
 from noctule.estimation.filter_state import StateEstimate
 from noctule.estimation.vehicle_model import VehicleModel
 from noctule.geometry import Array, wrap_angle
 from noctule.messages import Command
-from noctule.settings import Settings
+from noctule.pilots.command_memory import CommandMemory
+from noctule.pilots.following import (
+    SURE,
+    Conduct,
+    FollowerError,
+    FollowerReport,
+    FollowerSettings,
+    FollowPhase,
+)
+
+__all__ = [
+    "Conduct",
+    "FollowPhase",
+    "FollowerError",
+    "FollowerReport",
+    "FollowerSettings",
+    "PathFollower",
+    "warm_up",
+]
 
 _LONGEST_TICK = 0.2  # [s]; after a longer pause the wanted speed and heading go on from where they were
-_GAP = 0.3  # [s]; estimates farther apart say nothing of a disturbance
-_MEMORY = 64  # commands remembered: 2 s at 30 Hz, and a delay may be 0.5 s
-
-
-class FollowerError(NoctuleError):
-    """A vehicle that the follower cannot fly."""
-
-
-class FollowPhase(StrEnum):
-    """What the follower is doing."""
-
-    TO_START = "to start"
-    FOLLOW = "follow"
-    STOP = "stop"
-    RETURN = "return"
-    HOLD = "hold"  # at the end of everything
-
-
-class FollowerSettings(Settings):
-    """Gains, and what happens before and after the path."""
-
-    cascade: CascadeSettings = CascadeSettings()
-    transfer: SpeedSettings = SpeedSettings(cruise=0.3)  # on the way to the start and back
-    go_to_start: bool = Field(True, description="fly to the path's first point first; false: be there")
-    return_home: bool = Field(False, description="fly back to where it began")
-    arrive_m: float = Field(0.05, gt=0.0, le=1.0, description="at the start within this [m]")
-    arrive_deg: float = Field(5.0, gt=0.0, le=90.0, description="and within this heading [deg]")
-    settle_s: float = Field(0.5, ge=0.0, le=60.0, description="for this long [s]")
-
-
-@dataclass(frozen=True, slots=True)
-class FollowerReport:
-    """What the follower saw and thought at a tick; recorded and drawn, never flown on."""
-
-    phase: FollowPhase
-    path_time: float  # [s] since the path was begun; NaN before
-    s: float  # [m] along the path, or along the way to it or back
-    cross_track: float  # [m] from the nearest or the wanted point, as predicted
-    yaw_error: float  # [rad], wanted minus predicted
-    speed: float  # [m/s], v_d
-    wanted: Array  # (4,) x, y, z [m], yaw [rad]
-    predicted: Array  # (8,) the state at which the command takes effect
-    velocity_ref: Array  # (4,) v_r [m/s, rad/s], world
-    disturbance: Array  # (4,) forward, left, up [m/s^2], yaw [rad/s^2], as learnt
-    saturated: bool
-    holding: bool
-    finished: bool
+_ON_PATH = (FollowPhase.FOLLOW, FollowPhase.STOP)
+_BEFORE = (FollowPhase.TO_START, FollowPhase.SETTLE)
 
 
 @dataclass(slots=True)
@@ -80,34 +51,34 @@ class PathFollower:
 
     `model` counts its inputs in units of the command: m/s and rad/s of a velocity loop, or what
     `VehicleModelSettings.model` returns for a vehicle whose input 1 is `full_scale`. `limits` (4,) are the
-    largest commands. Raises DelayTooLongError and FollowerError.
+    largest commands. The path is not begun before `begin_at` [s, of the ticks' stamps], where the follower
+    goes to its start first, and left after `end_after` [s] of its own time. Raises DelayTooLongError and
+    FollowerError.
     """
 
     plan: PathPlan
     model: VehicleModel
     limits: Array  # (4,) forward, left, up [m/s], yaw rate [rad/s]
     settings: FollowerSettings = field(default_factory=FollowerSettings)
+    begin_at: float = -math.inf
+    end_after: float = math.inf
     _phase: FollowPhase = FollowPhase.TO_START
     _leg: PathPlan | None = None
     _progress: Progress | None = None
+    _spot: Spot | None = None  # where it hovers, in doubt or at an end that is no place on the path
     _begun: float = math.nan  # [s], the leg
     _path_begun: float = math.nan  # [s]
     _home: Array = field(default_factory=lambda: np.zeros(4))  # (4,) x, y, z, yaw
     _last: float = math.nan  # [s], stamp of the last tick
     _settled: float | None = None  # [s] since when the vehicle is at the start
     _gains: tuple[Array, Array, Array] = field(init=False)  # k1, k2, K
-    _bounds: Array = field(init=False)  # (4,) of the disturbance
-    _disturbance: Array = field(default_factory=lambda: np.zeros(4))  # (4,) [m/s^2, rad/s^2], body
-    _before: tuple[float, Array] | None = None  # the last estimate: stamp [s], state (8,)
-    # The last commands; before the first, nothing was sent since ever.
-    _stamps: Array = field(default_factory=lambda: np.full(_MEMORY, -np.inf))  # (n,) [s]
-    _sent: Array = field(default_factory=lambda: np.zeros((_MEMORY, 4)))  # (n, 4)
+    _slow: Array = field(init=False)  # (4,) limits while it hovers in doubt
+    _memory: CommandMemory = field(init=False)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be flown."""
         self.settings.cascade.check_delay(self.model.delay)
         self._gains = self.settings.cascade.arrays()
-        self._bounds = np.array(self.settings.cascade.most_disturbance)
         self.limits = np.asarray(self.limits, dtype=np.float64)
         if self.limits.shape != (4,) or not (self.limits > 0.0).all() or not np.isfinite(self.limits).all():
             raise FollowerError(f"follower: limits {self.limits.tolist()}; expected four numbers above 0")
@@ -116,49 +87,82 @@ class PathFollower:
                 f"follower: the vehicle's input gains are {self.model.input_gains.tolist()}; "
                 "expected all above 0: identify the vehicle again"
             )
+        slow = np.array([*(self.settings.hover_speed,) * 3, self.settings.hover_turn])
+        self._slow = np.minimum(self.limits, slow)
+        self._memory = CommandMemory(self.model, self.settings.cascade)
+
+    @property
+    def phase(self) -> FollowPhase:
+        """What it is doing."""
+        return self._phase
 
     @property
     def finished(self) -> bool:
         """Whether the path has been flown, and the way back where it was asked for."""
         return self._phase is FollowPhase.HOLD
 
+    def forget(self) -> None:
+        """Drop what was learnt and held by an estimate that has turned out wrong."""
+        self._memory.forget()
+        self._spot = None
+
     def step(
-        self, estimate: StateEstimate, stamp: float, sent: Command | None = None
+        self, estimate: StateEstimate, stamp: float, sent: Command | None = None, conduct: Conduct = SURE
     ) -> tuple[Command, FollowerReport]:
         """Return the command of the tick at `stamp` [s], and what it was made of.
 
         `estimate` may be older than the tick: it is predicted to when the command takes effect. `sent` is
-        what was really sent at the last tick, where a supervisor or the vehicle changed the command. Raises
-        FollowerError, and changes nothing, for an estimate that is not finite.
+        what was really sent at the last tick, where a supervisor or the vehicle changed the command,
+        `conduct` how sure to fly. Raises FollowerError, and changes nothing, for an estimate not finite.
         """
         now = np.ascontiguousarray(estimate.x[:8])
         if not np.isfinite(now).all():
             raise FollowerError(
                 f"follower: the estimate at {estimate.stamp:.2f} s is not finite; hover until it is again"
             )
-        if sent is not None:
-            self._sent[-1] = sent.as_array()
-        gains, drags, delay = self.model.input_gains, self.model.drags, self.model.delay
-        until = max(stamp, estimate.stamp) + delay
-        self._learn(now, estimate.stamp)
-        push = self._disturbance / gains  # as a command
-        x = predict_over_delay(
-            now, estimate.stamp, until, self._stamps, self._sent, push, gains, drags, delay
-        )
+        memory = self._memory
+        memory.told(sent)
+        until = max(stamp, estimate.stamp) + self.model.delay
+        memory.learn(now, estimate.stamp, learning=not conduct.hover)
+        x = memory.predict(now, estimate.stamp, until)
         dt = 0.0 if math.isnan(self._last) else min(max(0.0, stamp - self._last), _LONGEST_TICK)
         self._last = stamp
-        leg, progress = self._leg_of(x, until)
-        self._progress, wanted = advance(leg, progress, x, until - self._begun, dt)
+        wanted = self._wanted(x, stamp, until, dt, conduct)
+        target, limits = wanted.pose, self._slow if conduct.hover else self.limits
+        if conduct.hover and conduct.trust < 1.0:
+            target = _nearer(x, target, conduct.trust)
         u, free, v_r, _ = cascade(
-            x, wanted.pose, wanted.velocity, wanted.motion, wanted.acceleration,
-            *self._gains, gains, drags, push, self.limits,
+            x, target, wanted.velocity, wanted.motion, wanted.acceleration, *self._gains,
+            self.model.input_gains, self.model.drags, memory.push, limits,
         )  # fmt: skip
-        self._remember(stamp, u)
-        return Command.from_array(u), self._report(x, wanted.pose, v_r, bool((u != free).any()), until)
+        if conduct.hover and conduct.trust <= 0.0:
+            u = np.zeros(4)  # what is not known is not flown on: the vehicle holds its own velocity
+        memory.remember(stamp, u)
+        report = self._report(x, wanted.pose, v_r, bool((u != free).any()), until, conduct.hover)
+        return Command.from_array(u), report
 
-    def _leg_of(self, x: Array, until: float) -> tuple[PathPlan, Progress]:
+    def _wanted(self, x: Array, stamp: float, until: float, dt: float, conduct: Conduct) -> Reference:
+        """Return what is wanted at this tick."""
+        leg, progress = self._leg, self._progress
+        if leg is None or progress is None or not conduct.hover:
+            leg, progress = self._leg_of(x, stamp, until)
+        ended = self._phase is FollowPhase.HOLD and not progress.arrived
+        if not conduct.hover and not ended:
+            self._spot = None
+            self._progress, wanted = advance(leg, progress, x, until - self._begun, dt, conduct.pace)
+            return wanted
+        if self._spot is None:
+            self._spot = spot_ahead(x, progress, leg)
+        turn, wanted = hold(self._spot, progress.turn, dt, leg.turning)
+        # From a stand: it must not dash off when it goes on.
+        self._progress = replace(progress, turn=turn, allowed=0.0, speed=0.0)
+        self._settled = None
+        return wanted
+
+    def _leg_of(self, x: Array, stamp: float, until: float) -> tuple[PathPlan, Progress]:
         """Return the leg to fly at this tick and the progress on it; begins the next one where one ends."""
-        if self._leg is None or self._progress is None:
+        leg, progress, phase = self._leg, self._progress, self._phase
+        if leg is None or progress is None:
             self._home = np.append(x[:3], wrap_angle(float(x[3])))
             turn = TurnReference(float(self._home[3]), float(x[7]))
             if not self.settings.go_to_start:
@@ -166,17 +170,18 @@ class PathFollower:
             yaw = self._start_yaw()
             to_start = straight(x[:3], self.plan.path.position[0], yaw, self.settings.transfer)
             return self._begin(FollowPhase.TO_START, to_start, turn, until)
-        leg, progress = self._leg, self._progress
-        if self._phase is FollowPhase.TO_START and self._is_settled(x, until):
-            return self._follow(progress.turn, until)
-        if progress.arrived and self._phase is FollowPhase.RETURN:
+        if phase in _BEFORE:
+            if self._is_settled(x, until) and stamp >= self.begin_at:
+                return self._follow(progress.turn, until)
+            self._phase = FollowPhase.SETTLE if progress.arrived else FollowPhase.TO_START
+        elif phase is FollowPhase.RETURN and progress.arrived:
             self._phase = FollowPhase.HOLD
-        elif progress.arrived and self._phase in (FollowPhase.FOLLOW, FollowPhase.STOP):
+        elif phase in _ON_PATH and (progress.arrived or until - self._path_begun >= self.end_after):
             if self.settings.return_home:
                 home = straight(x[:3], self._home[:3], float(self._home[3]), self.settings.transfer)
                 return self._begin(FollowPhase.RETURN, home, progress.turn, until)
             self._phase = FollowPhase.HOLD
-        elif self._phase in (FollowPhase.FOLLOW, FollowPhase.STOP):
+        elif phase in _ON_PATH:
             self._phase = FollowPhase.STOP if progress.holding else FollowPhase.FOLLOW
         return leg, progress
 
@@ -206,27 +211,9 @@ class PathFollower:
             self._settled = until
         return self._settled is not None and until - self._settled >= self.settings.settle_s
 
-    def _learn(self, now: Array, stamp: float) -> None:
-        """Compare the state with what was predicted of the last one."""
-        settings, before = self.settings.cascade, self._before
-        if before is not None and 0.0 < stamp - before[0] < _GAP and settings.disturbance_rate > 0.0:
-            gains, drags, delay = self.model.input_gains, self.model.drags, self.model.delay
-            push = self._disturbance / gains
-            expected = predict_over_delay(
-                before[1], before[0], stamp, self._stamps, self._sent, push, gains, drags, delay
-            )
-            self._disturbance = disturbance_after(
-                self._disturbance, expected, now, settings.disturbance_rate, self._bounds
-            )
-        if before is None or stamp > before[0]:
-            self._before = (stamp, now)
-
-    def _remember(self, stamp: float, u: Array) -> None:
-        self._stamps[:-1] = self._stamps[1:]
-        self._sent[:-1] = self._sent[1:]
-        self._stamps[-1], self._sent[-1] = stamp, u
-
-    def _report(self, x: Array, pose: Array, v_r: Array, saturated: bool, until: float) -> FollowerReport:
+    def _report(
+        self, x: Array, pose: Array, v_r: Array, saturated: bool, until: float, hovering: bool
+    ) -> FollowerReport:
         progress = self._progress
         assert progress is not None
         return FollowerReport(
@@ -239,11 +226,19 @@ class PathFollower:
             wanted=pose,
             predicted=x,
             velocity_ref=v_r,
-            disturbance=self._disturbance,
+            disturbance=self._memory.disturbance,
             saturated=saturated,
             holding=progress.holding,
             finished=self.finished,
+            hovering=hovering,
         )
+
+
+def _nearer(x: Array, pose: Array, share: float) -> Array:
+    """Return a pose (4,) that is only so much of the way from `x` (8,) to `pose` (4,)."""
+    away = pose - x[:4]
+    away[3] = wrap_angle(float(away[3]))
+    return np.asarray(x[:4] + share * away)
 
 
 def warm_up() -> None:

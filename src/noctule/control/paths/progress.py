@@ -53,10 +53,13 @@ def begin(plan: PathPlan, turn: TurnReference) -> Progress:
     return _next_gate(plan, Progress(turn))
 
 
-def advance(plan: PathPlan, now: Progress, x: Array, t: float, dt: float) -> tuple[Progress, Reference]:
+def advance(
+    plan: PathPlan, now: Progress, x: Array, t: float, dt: float, pace: float = 1.0
+) -> tuple[Progress, Reference]:
     """Return the progress and what is wanted at a tick, `t` [s] after the plan was begun.
 
     `x` (8,) is the state: x, y, z [m], yaw [rad], their rates in the world; `dt` [s] is since the last tick.
+    `pace` (0 to 1) scales the speed of the plan; stops at a time keep their times.
     """
     path = plan.path
     if now.holding:
@@ -71,7 +74,7 @@ def advance(plan: PathPlan, now: Progress, x: Array, t: float, dt: float) -> tup
     now = _arrival(plan, now, x, point, t)
     if now.holding:
         return _held(plan, now, point, dt)
-    return _cruising(plan, now, point, flown, dt)
+    return _cruising(plan, now, point, flown, dt, pace)
 
 
 def foot_speed(point: PathPoint, x: Array) -> float:
@@ -82,10 +85,11 @@ def foot_speed(point: PathPoint, x: Array) -> float:
 
 
 def _cruising(
-    plan: PathPlan, now: Progress, point: PathPoint, flown: float, dt: float
+    plan: PathPlan, now: Progress, point: PathPoint, flown: float, dt: float, pace: float
 ) -> tuple[Progress, Reference]:
     settings = plan.speed
     profile, slope = plan.profile.at(plan.path.within(point.s))
+    profile, slope = pace * profile, pace * slope
     distance = now.gate - point.s
     stopping = approach_speed(distance, settings) if math.isfinite(distance) else math.inf
     # It may not run ahead of a vehicle that is held back, or it would dash off when let go.

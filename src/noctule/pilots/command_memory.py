@@ -1,0 +1,69 @@
+"""What the vehicle was told lately, and what that does to it: prediction, and the disturbance learnt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from noctule.control.cascade import CascadeSettings, disturbance_after, predict_over_delay
+from noctule.estimation.vehicle_model import VehicleModel
+from noctule.geometry import Array
+from noctule.messages import Command
+
+_GAP = 0.3  # [s]; estimates farther apart say nothing of a disturbance
+_MEMORY = 64  # commands remembered: 2 s at 30 Hz, and a delay may be 0.5 s
+
+
+@dataclass(slots=True)
+class CommandMemory:
+    """The last commands and the model they act by."""
+
+    model: VehicleModel
+    settings: CascadeSettings
+    disturbance: Array = field(default_factory=lambda: np.zeros(4))  # (4,) [m/s^2, rad/s^2], body
+    _bounds: Array = field(init=False)  # (4,) of the disturbance
+    _before: tuple[float, Array] | None = None  # the last estimate: stamp [s], state (8,)
+    # Before the first command, nothing was sent since ever.
+    _stamps: Array = field(default_factory=lambda: np.full(_MEMORY, -np.inf))  # (n,) [s]
+    _sent: Array = field(default_factory=lambda: np.zeros((_MEMORY, 4)))  # (n, 4)
+
+    def __post_init__(self) -> None:
+        """Take the bounds as an array."""
+        self._bounds = np.array(self.settings.most_disturbance)
+
+    @property
+    def push(self) -> Array:
+        """The disturbance as the command that would have the same effect, (4,)."""
+        return self.disturbance / self.model.input_gains
+
+    def told(self, sent: Command | None) -> None:
+        """Hear what was really sent at the last tick."""
+        if sent is not None:
+            self._sent[-1] = sent.as_array()
+
+    def remember(self, stamp: float, u: Array) -> None:
+        """Keep a command (4,) that is sent at `stamp` [s]."""
+        self._stamps[:-1] = self._stamps[1:]
+        self._sent[:-1] = self._sent[1:]
+        self._stamps[-1], self._sent[-1] = stamp, u
+
+    def predict(self, x: Array, stamp: float, until: float) -> Array:
+        """Return the state (8,) at `until` [s] of what was `x` (8,) at `stamp` [s]."""
+        model = self.model
+        return predict_over_delay(
+            x, stamp, until, self._stamps, self._sent, self.push, model.input_gains, model.drags, model.delay
+        )
+
+    def learn(self, now: Array, stamp: float, learning: bool = True) -> None:
+        """Compare the state `now` (8,) with what was predicted of the last one."""
+        before, rate = self._before, self.settings.disturbance_rate
+        if learning and before is not None and 0.0 < stamp - before[0] < _GAP and rate > 0.0:
+            expected = self.predict(before[1], before[0], stamp)
+            self.disturbance = disturbance_after(self.disturbance, expected, now, rate, self._bounds)
+        if before is None or stamp > before[0]:
+            self._before = (stamp, now)
+
+    def forget(self) -> None:
+        """Begin anew with the disturbance: the estimate it was learnt of was wrong."""
+        self.disturbance, self._before = np.zeros(4), None
