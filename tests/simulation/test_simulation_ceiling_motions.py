@@ -8,16 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from noctule.camera import CEILING_CAMERA
-from noctule.geometry import Array, wrap_angle
+from noctule.geometry import Array, Pose, wrap_angle
 from noctule.simulation.ceiling import (
     CeilingSpec,
+    DepthStage,
+    Hiding,
+    Motion,
     Standing,
     ThingPose,
     Walker,
     lab_room,
     manual_flight,
     spread_poses,
+    things_at,
     walk_past,
+    walk_through,
 )
 from noctule.simulation.ceiling.flights import HEIGHTS, RADIUS, NoViewError, sees_whole
 from noctule.simulation.ceiling.motions import gap
@@ -208,3 +213,85 @@ def test_a_camera_that_sees_no_quadrotor_is_refused() -> None:
     )
     with pytest.raises(NoViewError):
         manual_flight(0, 1.0, 30.0, CeilingSpec(pitch_deg=80.0))
+
+
+HIDDEN = Hiding((0.08, 0.1, 1.2), begin=10.0, seconds=5.0)
+
+
+def visible(stage: DepthStage, drone: Pose, motions: list[Motion], stamp: float) -> int:
+    """Return how many pixels show the drone [px]."""
+    things = things_at(motions, stamp)
+    return int((stage.exact(drone, things) != stage.exact(None, things)).sum())
+
+
+def test_a_board_hides_a_drone_whole_anywhere_on_the_papers_paths() -> None:
+    stage = DepthStage(CeilingSpec(hull=True), 0)
+    for theta in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
+        c, s = math.cos(theta), math.sin(theta)
+        for x in ((0.08 + 0.5 * c, 0.1 + 0.8 * s, 1.2 + 0.12 * s), (0.08 + 0.9 * s * c, 0.1 + 0.8 * s, 1.3)):
+            drone = Pose(np.array(x), theta)
+            assert visible(stage, drone, [], 12.0) > 2000
+            assert visible(stage, drone, [HIDDEN], 12.0) == 0
+
+
+def test_a_board_is_there_from_its_begin_for_its_seconds() -> None:
+    stage, drone = DepthStage(CeilingSpec(), 0), Pose(np.array([0.08, 0.1, 1.2]), 0.0)
+    seen = {t: visible(stage, drone, [HIDDEN], t) for t in (9.0, 10.0, 12.5, 15.0, 16.0)}
+    assert seen == {9.0: seen[9.0], 10.0: 0, 12.5: 0, 15.0: 0, 16.0: seen[9.0]}
+    assert seen[9.0] > 1000
+
+
+def test_a_board_is_pushed_in_and_pulled_out_and_else_it_is_not_in_the_room() -> None:
+    assert HIDDEN.at(8.9) is None
+    assert HIDDEN.at(9.0) is None
+    coming, going = HIDDEN.at(9.5), HIDDEN.at(15.5)
+    there = HIDDEN.at(10.0)
+    assert coming == going != there
+    assert coming is not None
+    assert there is not None
+    assert coming.x - there.x == pytest.approx(1.5 * 1.4 / 2.0)
+    assert (coming.y, coming.z, coming.yaw) == (there.y, there.z, there.yaw)
+    assert HIDDEN.at(16.0) is None
+
+
+def test_a_board_without_a_slide_appears_and_vanishes() -> None:
+    sudden = Hiding((0.0, 0.0, 1.0), 1.0, 2.0, slide=0.0)
+    assert [sudden.at(t) is not None for t in (0.999, 1.0, 3.0, 3.001)] == [False, True, True, False]
+
+
+def test_a_board_comes_in_from_out_of_the_picture() -> None:
+    stage = DepthStage(CeilingSpec(), 0)
+    just_come = things_at([HIDDEN], 9.01)
+    assert len(just_come) == 1
+    np.testing.assert_array_equal(stage.exact(None, just_come), stage.exact(None))
+
+
+@given(st.floats(0.1, 0.9), st.floats(-3.0, 3.0))
+def test_a_boards_middle_is_between_the_place_and_the_camera(share: float, yaw: float) -> None:
+    place, eye = np.array([0.4, -0.3, 1.1]), CEILING_CAMERA.t_world_camera
+    board = Hiding((0.4, -0.3, 1.1), 0.0, 1.0, share=share, yaw=yaw).at(0.5)
+    assert board is not None
+    middle = np.array([board.x, board.y, board.z + 0.01])
+    np.testing.assert_allclose(middle, place + share * (eye - place), atol=1e-12)
+
+
+def test_only_things_that_are_in_the_room_are_listed() -> None:
+    chair = Standing(ThingPose("chair", 1.0, 1.0))
+    assert things_at([HIDDEN, chair], 0.0) == [chair.pose]
+    assert [thing.kind for thing in things_at([HIDDEN, chair], 12.0)] == ["board", "chair"]
+
+
+@given(walkers, st.floats(0.0, 60.0), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
+def test_a_walker_is_at_the_place_at_the_time(walker: Walker, stamp: float, x: float, y: float) -> None:
+    there = walk_through((x, y), stamp, walker).at(stamp)
+    assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
+    assert there.yaw == walker.at(stamp).yaw
+
+
+def test_a_person_between_the_camera_and_the_drone_hides_some_of_it() -> None:
+    stage, drone = DepthStage(CeilingSpec(), 0), Pose(np.array([0.08, 0.9, 1.2]), 0.0)
+    x, y = drone.position[:2] + 0.5 * np.array([0.09, -0.99])  # toward the camera
+    walker = walk_through((x, y), 3.0, Walker((0.0, 0.0), (0.9, 0.6)))
+    free = visible(stage, drone, [], 3.0)
+    assert 0 < visible(stage, drone, [walker], 3.0) < 0.9 * free
+    assert visible(stage, drone, [walker], 4.5) == free

@@ -24,7 +24,7 @@ from noctule.geometry import Array, Pose
 from noctule.localization.detection.detector import Detector
 from noctule.localization.detection.splinters import MIN_AREA
 from noctule.localization.heading.pose import blob_position
-from noctule.simulation.ceiling import Motion, ThingPose, Walker, manual_flight
+from noctule.simulation.ceiling import Motion, ThingPose, Walker, manual_flight, things_at
 from noctule.vision.depth import find_blobs
 
 FRAMES = 1200
@@ -129,7 +129,7 @@ def watch(
     flight = manual_flight(seed + 1_000_000, frames / RATE, RATE, taught.stage.spec)
     apart = np.zeros(frames, dtype=bool)
     for k, (stamp, (_, pose)) in enumerate(zip(stamps(taught.stamp, frames), flight, strict=True)):
-        things = tuple(thing.at(stamp) for thing in things_that_move)
+        things = things_at(things_that_move, stamp)
         frame = taught.stage.frame(stamp, pose, things)
         apart[k] = is_apart(taught, pose, things)
         started = time.perf_counter()

@@ -19,6 +19,7 @@ from noctule.simulation.ceiling import (
     Walker,
     lab_room,
     manual_flight,
+    things_at,
     walk_past,
 )
 
@@ -77,7 +78,7 @@ class Scene:
         for stamp, pose in self.poses():
             if wanted is not None and not wanted(stamp):
                 continue
-            yield stage.frame(stamp, pose, [motion.at(stamp) for motion in people], spec.markers)
+            yield stage.frame(stamp, pose, things_at(people, stamp), spec.markers)
 
 
 def simulated_source(scene: Scene) -> DepthSource:

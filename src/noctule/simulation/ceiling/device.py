@@ -10,7 +10,7 @@ from noctule.camera import PinholeCamera
 from noctule.geometry import Pose
 from noctule.messages import DepthFrame
 from noctule.simulation.aircraft import Aircraft
-from noctule.simulation.ceiling.motions import Motion
+from noctule.simulation.ceiling.motions import Motion, things_at
 from noctule.simulation.ceiling.spec import CeilingSpec
 from noctule.simulation.ceiling.stage import DepthStage
 from noctule.simulation.dynamics import STEPS_PER_SECOND
@@ -56,7 +56,7 @@ class DepthShutter:
             if self._stage is None:
                 self._stage = DepthStage(self._spec, self._seed, self._room)
             stamp = step / STEPS_PER_SECOND
-            things = [motion.at(stamp) for motion in self._motions]
+            things = things_at(self._motions, stamp)
             frame = self._stage.frame(stamp, pose, things, self._spec.colour)
             for pixels in (frame.depth, frame.colour):
                 if pixels is not None:

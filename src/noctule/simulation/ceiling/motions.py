@@ -3,27 +3,36 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 
+from noctule.camera import CEILING_CAMERA
 from noctule.geometry import Array, wrap_angle
 from noctule.simulation.ceiling.shapes import Triple
-from noctule.simulation.ceiling.things import ThingKind, ThingPose
+from noctule.simulation.ceiling.things import SIZES, ThingKind, ThingPose
 
 _POINTS = 721  # of an ellipse's table of arc lengths
 _REACH = 20.0  # [m], from where a walker comes nearer
 _TRIES, _EXACT = 200, 1e-4  # [m]
+_AWAY = 1.5  # lengths of a board that is pushed in, from where it comes: out of a ceiling camera's picture
+_EYE: Triple = tuple(CEILING_CAMERA.t_world_camera.tolist())
 
 
 class Motion(Protocol):
     """Where a thing is at any time."""
 
-    def at(self, stamp: float) -> ThingPose:
-        """Return its pose at `stamp` [s]."""
+    def at(self, stamp: float) -> ThingPose | None:
+        """Return its pose at `stamp` [s]; None while it is not in the room."""
         ...
+
+
+def things_at(motions: Sequence[Motion], stamp: float) -> list[ThingPose]:
+    """Return the things that are in the room at `stamp` [s]."""
+    return [thing for motion in motions if (thing := motion.at(stamp)) is not None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +83,36 @@ class Walker:
         return np.asarray(flat @ np.array([[c, s], [-s, c]]) + np.array(self.centre))
 
 
+@dataclass(frozen=True, slots=True)
+class Hiding:
+    """A board that somebody holds between the ceiling camera and a place, and takes away again.
+
+    It is level, its middle on the line from `place` to `eye`. It is there in full from `begin` for `seconds`;
+    for `slide` before and after it is pushed in and pulled out along its length, from and to the side that
+    `yaw` points to. The default size at the default height hides a drone anywhere on the paper's paths when
+    `place` is their middle, and with them most of what the camera sees.
+    """
+
+    place: Triple  # [m], world, what is hidden
+    begin: float  # [s]
+    seconds: float  # [s]
+    eye: Triple = _EYE  # [m], world, the camera
+    share: float = 0.3  # of the way from the place to the camera, 0 to 1
+    size: Triple = SIZES["board"]  # [m], length, width and thickness
+    yaw: float = 0.0  # [rad], of its length
+    slide: float = 1.0  # [s], 0: it appears and vanishes
+
+    def at(self, stamp: float) -> ThingPose | None:
+        """Return its pose at `stamp` [s]; None while it is not in the room."""
+        early = max(self.begin - stamp, stamp - (self.begin + self.seconds), 0.0)
+        if early > self.slide or (early == self.slide and early > 0.0):
+            return None
+        out = 0.0 if early == 0.0 else _AWAY * self.size[0] * early / self.slide
+        x, y, z = (p + self.share * (e - p) for p, e in zip(self.place, self.eye, strict=True))
+        x, y = x + out * math.cos(self.yaw), y + out * math.sin(self.yaw)
+        return ThingPose("board", x, y, self.yaw, z - self.size[2] / 2.0, self.size)
+
+
 @lru_cache(maxsize=64)
 def _arc(a: float, b: float) -> tuple[Array, Array]:
     """Return (angles, arc lengths [m] up to them) along an ellipse, (n,) each."""
@@ -105,6 +144,17 @@ def walk_past(path: Array, distance: float, walker: Walker, bearing: float = 0.0
             break
         offset -= left
     return beside(offset)
+
+
+def walk_through(place: tuple[float, float], stamp: float, walker: Walker) -> Walker:
+    """Return `walker` with its ellipse moved so that it is at `place` [m] at `stamp` [s].
+
+    A person 0.4 m from a drone at 1.2 m, toward the camera, hides about half of it and merges with the rest;
+    nearer they touch.
+    """
+    now = walker.at(stamp)
+    x, y = walker.centre
+    return replace(walker, centre=(x + place[0] - now.x, y + place[1] - now.y))
 
 
 def gap(a: Array, b: Array) -> float:

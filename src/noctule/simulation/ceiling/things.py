@@ -1,4 +1,4 @@
-"""Things that move about in the room: people, boxes, trays, chairs."""
+"""Things that move about in the room: people, boxes, trays, chairs, boards."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ import numpy as np
 from noctule.geometry import Array, rot_z
 from noctule.simulation.ceiling.shapes import Part, Shape, Triple, along, moved, pack
 
-ThingKind = Literal["person", "box", "tray", "chair"]
+ThingKind = Literal["person", "box", "tray", "chair", "board"]
 
 SIZES: dict[ThingKind, Triple] = {
     "person": (0.28, 0.46, 1.75),
     "box": (0.4, 0.3, 0.3),
     "tray": (0.45, 0.32, 0.03),
     "chair": (0.45, 0.45, 0.85),
+    "board": (1.4, 2.0, 0.02),
 }
 """Default length (ahead), width and height [m]."""
 
@@ -139,4 +140,5 @@ _RECIPES: dict[ThingKind, Callable[[ThingPose, Triple], list[Part]]] = {
     "box": _box,
     "tray": _tray,
     "chair": _chair,
+    "board": _box,
 }
