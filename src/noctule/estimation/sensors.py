@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
+from noctule.estimation.delayed import FilterSettings
 from noctule.estimation.measurements import NavdataNoise
 from noctule.estimation.vehicle_model import ProcessNoise
 from noctule.geometry import Array, wrap_angle
@@ -122,3 +123,10 @@ class Sensors(Settings):
     onboard: OnboardSensors = OnboardSensors()
     depth: RoomSensor = RoomSensor()
     markers: RoomSensor = RoomSensor()
+
+
+def tuned(settings: FilterSettings, sensors: Sensors) -> FilterSettings:
+    """Return a filter's settings whose biases walk as a calibration found them to."""
+    walks = sensors.onboard.process_noise
+    noises = {"noise": settings.noise, "noise_without_commands": settings.noise_without_commands}
+    return settings.model_copy(update={name: walks(noise) for name, noise in noises.items()})

@@ -7,25 +7,19 @@ here. What is fused goes back to the locator as its prediction.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-
-import numpy as np
-
 from noctule.estimation.delayed import DEFAULTS, FilterSettings
 from noctule.estimation.events import Input
 from noctule.estimation.filter_state import Prior, StateEstimate, start_at
 from noctule.estimation.measurements import Measurement, of_heading, of_pose, of_vehicle_state
 from noctule.estimation.network import Network, Node
-from noctule.estimation.sensors import Sensors
+from noctule.estimation.sensors import Sensors, tuned
 from noctule.estimation.vehicle_model import VehicleModel
-from noctule.geometry import Array, wrap_angle
-from noctule.localization.heading.turns import HALF_TURN, nearest_turn
+from noctule.geometry import Array
 from noctule.localization.tracker import Prediction
+from noctule.localization.vehicle_heading import VehicleHeading, faced
 from noctule.messages import HeadingMeasurement, PoseMeasurement, VehicleState
 
 SIZE = 11  # of the state: heading bias and velocity biases
-_MOVES = 0.1  # [m/s], slower than this nothing is said of the half turn
-_PER_REPORT, _CERTAIN = 2.0, 20.0  # log-likelihood ratios
 _START = Prior(position=0.05, yaw=0.1, velocity=0.5, yaw_rate=1.0)
 
 
@@ -50,17 +44,15 @@ class Fusion:
         self._names = tuple(nodes)
         self._model = model
         self._sensors = sensors
-        walks = sensors.onboard.process_noise
-        noises = {"noise": settings.noise, "noise_without_commands": settings.noise_without_commands}
-        self._settings = settings.model_copy(update={name: walks(noise) for name, noise in noises.items()})
+        self._settings = tuned(settings, sensors)
         self._network: Network | None = None
         self._count = 0
-        self._heard = False
-        self._heading: float | None = None  # [rad], the newest that the vehicle said
-        self._turned = False  # its headings are half a turn off
-        self._agreement = 0.0  # log-likelihood ratio of the half turn held, by the way it flies
-        self.turns = 0
+        self._vehicle = VehicleHeading(sensors.onboard)
+
+    @property
+    def turns(self) -> int:
         """How often the half turn held was found wrong by the way the vehicle flies."""
+        return self._vehicle.turns
 
     @property
     def begun(self) -> bool:
@@ -82,23 +74,20 @@ class Fusion:
 
     def report(self, state: VehicleState, now: float) -> None:
         """Hand the vehicle's report to its node."""
-        corrected = self._sensors.onboard.corrected(state)
-        if self._turned and corrected.yaw is not None:
-            corrected = replace(corrected, yaw=wrap_angle(corrected.yaw + HALF_TURN))
-        self._heard, self._heading = True, corrected.yaw
-        measured = of_vehicle_state(corrected, self._sensors.onboard.noise, self._next())
-        if measured is not None:
-            self._measure("onboard", measured, now)
-            self._check_half_turn(corrected)
+        told = self._vehicle.told(state)
+        measured = of_vehicle_state(told, self._sensors.onboard.noise, self._next())
+        if measured is None:
+            return
+        self._measure("onboard", measured, now)
+        if self._network is not None and self._vehicle.contradicted(told, self._known(told.stamp)):
+            self._network = None  # it begins anew, with the other half turn
 
     def faced(self, pose: PoseMeasurement) -> PoseMeasurement:
-        """Return the pose or its half turn, whichever is nearer to what is known of the heading: Alg. 1.
+        """Return the pose or its half turn, whichever is nearer to what is known of the heading.
 
-        The view from above tells the half turn in most frames, but where it errs it errs for seconds. What
-        the vehicle says of its heading, off by up to 30 deg, tells it at the start, later the estimate does.
+        At the start that is what the vehicle says, later the estimate; see `vehicle_heading`.
         """
-        known = self._heading if self._network is None else self._known(pose.stamp).yaw
-        return pose if known is None else replace(pose, yaw=nearest_turn(pose.yaw, known, HALF_TURN))
+        return faced(pose, self._vehicle.newest if self._network is None else self._known(pose.stamp).yaw)
 
     def pose(self, pose: PoseMeasurement, certain: bool, now: float) -> None:
         """Hand a located drone to the node of the depth camera, turned as `faced` has it.
@@ -107,7 +96,7 @@ class Fusion:
         whose half turn is `certain` from above.
         """
         corrected = self.faced(self._sensors.depth.corrected(pose))
-        if self._network is None and self._heard and (certain or self._heading is not None):
+        if self._network is None and self._vehicle.heard and (certain or self._vehicle.newest is not None):
             start = start_at(corrected.stamp, corrected.position, corrected.yaw, _START, SIZE)
             self._network = Network([Node(name, start, self._model, self._settings) for name in self._names])
         self._measure("depth", of_pose(corrected, self._next()), now)
@@ -134,26 +123,6 @@ class Fusion:
         """Return what is known at `stamp` [s], or at the oldest that is remembered: never raises."""
         assert self._network is not None
         return self.estimate(max(stamp, self._network.nodes["depth"].filter.oldest))
-
-    def _check_half_turn(self, state: VehicleState) -> None:
-        """Compare the displacement that the camera sees with the velocity that the vehicle says.
-
-        While they point opposite ways the half turn held is the wrong one: begin anew with the other.
-        """
-        if self._network is None or state.v_body is None:
-            return
-        seen = self._known(state.stamp).v_heading[:2]
-        if float(np.linalg.norm(seen)) < _MOVES:
-            return
-        variance = 2.0 * self._sensors.onboard.noise.velocity_sd**2
-        ratio = 2.0 * float(seen @ state.v_body[:2]) / variance
-        # A report does not say more than so much: its errors last longer than it.
-        step = min(max(ratio, -_PER_REPORT), _PER_REPORT)
-        self._agreement = min(max(self._agreement + step, -_CERTAIN), _CERTAIN)
-        if self._agreement <= -_CERTAIN:
-            self._turned, self._network, self._agreement = not self._turned, None, 0.0
-            self._heading = None if state.yaw is None else wrap_angle(state.yaw + HALF_TURN)
-            self.turns += 1
 
     def _measure(self, name: str, measurement: Measurement, now: float) -> None:
         if self._network is not None:
