@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from noctule.geometry import Pose
+from noctule.simulation.ceiling import Motion
+from noctule.simulation.ceiling.nearness import FAR, ThingDistance
 from noctule.simulation.engine import mujoco
 from noctule.simulation.layout import Layout
 from noctule.simulation.spec import VehicleSpec
 
-FAR = 100.0  # [m], distances beyond are cut to this
 TOUCH = 1e-4  # [m], nearer than this is a contact
 
 
 class Clearance:
-    """The hull, a cylinder, against the solids (exact, by MuJoCo) and against walls, floor and ceiling."""
+    """The hull, a cylinder, against the solids (exact, by MuJoCo) and against walls, floor and ceiling.
 
-    def __init__(self, layout: Layout, vehicle: VehicleSpec) -> None:
+    Things that move count where a time is given.
+    """
+
+    def __init__(self, layout: Layout, vehicle: VehicleSpec, motions: Sequence[Motion] = ()) -> None:
         self._room = layout.spec
         self._radius, self._half = vehicle.hull_diameter / 2.0, vehicle.hull_height / 2.0
+        self._motions = tuple(motions)
+        self._moving = ThingDistance(self._radius, self._half) if motions else None
         self._names = [solid.name for solid in layout.solids]
         spec = mujoco.MjSpec()
         hull = spec.worldbody.add_body(name="hull", mocap=True)
@@ -42,10 +49,11 @@ class Clearance:
         self._reach = np.array([math.dist((0.0, 0.0, 0.0), solid.half) for solid in layout.solids])
         self._reach += math.hypot(self._radius, self._half)
 
-    def measure(self, pose: Pose) -> tuple[float, tuple[str, ...]]:
+    def measure(self, pose: Pose, stamp: float | None = None) -> tuple[float, tuple[str, ...]]:
         """Return (distance to the nearest solid [m], negative inside, inf in an empty room; what is touched).
 
-        Walls, floor and ceiling count as contacts only.
+        Walls, floor and ceiling count as contacts only. With a `stamp` [s] what moves counts, as it is then;
+        it is called `moving_`, its kind and its number.
         """
         R = pose.R_world_body
         quat = np.empty(4)
@@ -62,6 +70,14 @@ class Clearance:
             nearest = min(nearest, d)
             if d < TOUCH:
                 touched.append(self._names[i])
+        for i, motion in enumerate(self._motions):
+            thing = None if stamp is None else motion.at(stamp)
+            if self._moving is None or thing is None:
+                continue
+            d = self._moving.measure(pose, thing)
+            nearest = min(nearest, d)
+            if d < TOUCH:
+                touched.append(f"moving_{thing.kind}_{i}")
         return nearest, tuple(sorted({*touched, *self._shell(pose.position, R[:, 2])}))
 
     def _shell(self, position: np.ndarray, axis: np.ndarray) -> list[str]:

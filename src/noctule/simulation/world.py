@@ -53,9 +53,9 @@ class SimulatedReferee:
         self._clearance = clearance
 
     def truth(self) -> Truth:
-        """Return the true state now; the clearance is that of the tilted hull."""
+        """Return the true state now; the clearance is that of the tilted hull, of what moves too."""
         pose, m = self._aircraft.pose, self._aircraft.motion
-        clearance, contacts = self._clearance.measure(pose)
+        clearance, contacts = self._clearance.measure(pose, self._aircraft.now)
         return Truth(self._aircraft.now, pose, np.array([m.vx, m.vy, m.vz]), clearance, contacts)
 
 
@@ -66,8 +66,8 @@ class SimulatedWorld:
     reports and the pixels' noise have random streams of their own: one does not shift another. Nothing is
     drawn before the first picture is read.
 
-    With a `ceiling` there is a depth camera above, `world.ceiling`, and `motions` move below it; the front
-    camera and the referee's clearance know nothing of those.
+    With a `ceiling` there is a depth camera above, `world.ceiling`. `motions` move about in the room: the
+    ceiling camera sees them and the referee knows how near they are, the front camera does not see them.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class SimulatedWorld:
         self._camera_spec = camera
         self._layout = draw_layout(room)
         self._aircraft = Aircraft(vehicle, start, start_flying, (gusts, reports))
-        self._clearance = Clearance(self._layout, vehicle)
+        self._clearance = Clearance(self._layout, vehicle, motions)
         self._darkroom = Darkroom(self._make_eye)
         self._shutter = Shutter(camera, self._aircraft, self._darkroom, pixels)
         shutters: list[Shutter | DepthShutter] = [self._shutter]
@@ -140,7 +140,10 @@ class SimulatedWorld:
         return Picture(self._aircraft.now, pixels)
 
     def clearance(self, pose: Pose) -> tuple[float, tuple[str, ...]]:
-        """Return (clearance [m], contacts) of the hull at `pose`: to plan experiments, not for pilots."""
+        """Return (clearance [m], contacts) of the hull at `pose`: to plan experiments, not for pilots.
+
+        What stands still counts, `motions` do not.
+        """
         return self._clearance.measure(pose)
 
     def close(self) -> None:
