@@ -18,12 +18,15 @@ from cli_room import CAMERA, depth, leave, leave_site
 from noctule.cli.depth_options import SourceOptions
 from noctule.cli.node_options import NodeOptions, prepare
 from noctule.cli.node_running import Status, in_words
-from noctule.cli.nodes import _live_simulation
+from noctule.cli.nodes import CameraTakenError, _live_simulation, _of_device
+from noctule.devices.protocols import DeviceError
 from noctule.estimation.filter_state import start_at
 from noctule.estimation.identification import VehicleModelSettings
+from noctule.estimation.sensors import OnboardSensors, Sensors
 from noctule.flight.network.member import Member
 from noctule.flight.recording import FlightRecorder, sent_message
 from noctule.localization.locator import Located, LocatorState
+from noctule.localization.sensors_file import save_sensors
 from noctule.localization.site import SiteCamera, save_background
 from noctule.localization.vehicle_file import save_vehicle_model
 from noctule.messages import (
@@ -87,11 +90,15 @@ def test_every_node_has_help_with_json_and_an_example_to_paste(noctule, role):
         (["markers"], "node markers: found none, expected exactly one of --site, --drill"),
         (
             ["fusion", "--drill", "0", "--from", "3"],
-            "node: --drill does not go with --vehicle and --from; leave them out",
+            "node: --drill does not go with --site, --vehicle and --from; leave them out",
         ),
         (
             ["fusion", "--drill", "0", "--drill-seconds", "0"],
             "node: --drill-seconds is 0, expected above 0, up to 600",
+        ),
+        (
+            ["onboard", "--simulated", "--site", "nowhere"],
+            "site nowhere: is no folder; give that of `noctule calibrate camera`, or make one",
         ),
         (["fusion", "--seconds", "-1"], "node: --seconds is -1, expected above 0, up to 86400"),
         (
@@ -151,7 +158,7 @@ def test_a_drill_alone_measures_its_part_and_judges_itself(alone):
 
 
 def test_a_service_manager_ends_a_node_as_ctrl_c_does(alone, monkeypatch):
-    def run_node(member, wire, readings, watchers, stop, until) -> None:
+    def run_node(member, wire, readings, watchers, stop, until, senses) -> None:
         assert not stop.is_set()
         signal.raise_signal(signal.SIGTERM)
         assert stop.is_set()
@@ -169,7 +176,7 @@ class Scripted:
     def __init__(self, *_: object, **__: object) -> None:
         pass
 
-    def step(self, frame) -> Located:
+    def step(self, frame, prediction=None) -> Located:
         pose = PoseMeasurement(frame.stamp, np.array([0.1, 0.2, 1.2]), 0.3, 1e-4 * np.eye(4), "registration")
         return Located(frame.stamp, LocatorState.TRACKING, pose, "")
 
@@ -178,16 +185,75 @@ def test_the_depth_node_shares_what_the_locator_sees(alone, tmp_path, monkeypatc
     leave(tmp_path / "f", [depth([], k) for k in range(5)])
     site = SimpleNamespace(
         camera=SiteCamera(CAMERA),
-        background=None,
+        background="the room",
         template=None,
         detectors=SimpleNamespace(named=lambda name: None),
     )
     monkeypatch.setattr("noctule.localization.site.load_site", lambda folder: site)
     monkeypatch.setattr("noctule.localization.locator.Locator", Scripted)
+    (tmp_path / "s").mkdir()
     said = alone("depth", "--site", "s", "--folder", "f", "--name", "ceiling", "--json")
     told = said.last_json
     assert said.code == 0
     assert (told["node"], told["measured"], told["shared"]) == ("ceiling", 5, 5)
+
+
+def test_a_depth_node_can_share_the_markers_of_its_own_camera_too(alone, tmp_path, monkeypatch):
+    leave(tmp_path / "f", [depth([], k) for k in range(3)])
+    (tmp_path / "s").mkdir()
+    site = SimpleNamespace(
+        camera=SiteCamera(CAMERA),
+        background="the room",
+        template=None,
+        detectors=SimpleNamespace(named=lambda name: None),
+    )
+    backgrounds = []
+
+    def located(frames, locator, expected, markers=None):
+        backgrounds.append(markers)
+        return iter(())
+
+    monkeypatch.setattr("noctule.localization.site.load_site", lambda folder: site)
+    monkeypatch.setattr("noctule.localization.locator.Locator", Scripted)
+    monkeypatch.setattr("noctule.flight.network.sensing.located", located)
+    for tokens in ([], ["--with-markers"]):
+        alone("depth", "--site", "s", "--folder", "f", "--json", *tokens)
+    assert backgrounds == [None, "the room"]
+
+
+@pytest.mark.parametrize(("role", "other"), [("depth", "markers"), ("markers", "depth")])
+def test_a_camera_that_another_node_has_open_is_one_line_that_says_what_to_do(role, other):
+    def busy():
+        raise DeviceError("depth camera: it is busy")
+        yield
+
+    with pytest.raises(CameraTakenError) as told:
+        list(_of_device(busy(), "ceiling", role))
+    assert str(told.value) == (
+        f"node {role}: camera 'ceiling' gives no frame (depth camera: it is busy); where "
+        f"`noctule node {other}` has it open, stop it: `noctule node depth --with-markers` does both"
+    )
+
+
+def test_a_camera_that_fails_later_is_told_as_it_is():
+    def failing():
+        yield DepthFrame(0.0, depth([], 0))
+        raise DeviceError("depth camera: unplugged")
+
+    frames = _of_device(failing(), "ceiling", "depth")
+    assert next(frames).stamp == 0.0
+    with pytest.raises(DeviceError, match="unplugged"):
+        next(frames)
+
+
+def test_a_node_takes_off_what_the_site_was_calibrated_to(tmp_path):
+    (tmp_path / "bare").mkdir()
+    save_sensors(tmp_path, Sensors(onboard=OnboardSensors(heading_walk=0.5)))
+    walks = [
+        prepare("onboard", NodeOptions(site=folder)).member.node.filter.settings.noise.heading_bias
+        for folder in (tmp_path, tmp_path / "bare")
+    ]
+    assert walks == [0.5, Sensors().onboard.heading_walk]
 
 
 def test_the_markers_node_shares_their_heading(alone, tmp_path, monkeypatch):
@@ -266,7 +332,7 @@ def test_the_end_in_words_names_what_was_lost_and_why():
     found = {
         "node": "fusion", "measured": 0, "shared": 0, "assimilated": 9, "rejoined": 1,
         "refused": {"depth: yaw gate": 2}, "dropped": {"too late": 3}, "malformed": {"beat": 4},
-        "why_malformed": {"beat": "depth: heartbeat: 3 bytes"}, "overruns": 5,
+        "why_malformed": {"beat": "depth: heartbeat: 3 bytes"}, "overruns": 5, "half_turns": 1,
         "drill": {"nees_per_state": 1.02}, "table": "o/estimates.csv", "recording": "o/estimates.mcap",
     }  # fmt: skip
     assert in_words(found).splitlines() == [
@@ -275,6 +341,7 @@ def test_the_end_in_words_names_what_was_lost_and_why():
         "dropped: 3 too late",
         "no message: 4 beat",
         "the last of them: depth: heartbeat: 3 bytes",
+        "half turns: the heading was found to be the other one 1 times",
         "too many messages: 5 were lost; is this machine too slow?",
         "drill: NEES per state 1.02, 1 when it knows its errors",
         "table: o/estimates.csv",

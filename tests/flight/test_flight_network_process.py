@@ -24,10 +24,10 @@ from noctule.flight.network.drill import Judge, made_up
 from noctule.flight.network.estimate_log import EstimateLog, roll_text, status_line
 from noctule.flight.network.member import HUNG, Member
 from noctule.flight.network.pacing import TOO_LATE, Schedule, live_frames, paced, paced_frames
-from noctule.flight.network.process import Nothing, run_node
+from noctule.flight.network.process import Nothing, expectation, run_node
 from noctule.flight.network.roll_call import Beat, beat_from_bytes
 from noctule.flight.network.sensing import located, marked, recorded_navdata, simulated_navdata
-from noctule.flight.network.wire import Kind, Received
+from noctule.flight.network.wire import Kind, NameTakenError, Received
 from noctule.flight.reader import Recording, Tick
 from noctule.flight.recording import RecordingError
 from noctule.geometry import Pose
@@ -63,6 +63,9 @@ class FakeWire:
 
     def answer(self, received, data) -> None:
         self.answers.append(data)
+
+    def require_own_name(self) -> None:
+        pass
 
     def said(self, kind) -> list[bytes]:
         return [data for k, data in self.shared if k is kind]
@@ -197,27 +200,21 @@ def test_a_recorded_flight_gives_its_reports_once_and_its_commands(monkeypatch):
     begin = time.time() - 0.3
     found = list(recorded_navdata(recording, Schedule(begin, 3.0), "onboard", NEVER))
     inputs = [one for one in found if isinstance(one, Input)]
-    reports = [one for one in found if isinstance(one, Measurement)]
+    reports = [one for one in found if isinstance(one, VehicleState)]
     assert [one.u[0] for one in inputs] == pytest.approx([0.0, 0.1, 0.2])
     assert [one.stamp - begin for one in reports] == pytest.approx([0.0, 0.2], abs=1e-6)
-    assert {one.source for one in reports} == {"onboard"}
-
-
-def test_a_vehicle_that_reports_nothing_says_so():
-    told = codec.encode_observation(0.0, VehicleState(0.0, FlightState.LANDED), None, ())
-    tick = Tick(0.0, told, None, None, 0.0, Command(), Command(), "", "", "", None)
-    found = list(recorded_navdata(Recording(None, (tick,), {}, {}), Schedule(time.time()), "onboard", NEVER))
-    assert Nothing("the vehicle reports nothing") in found
+    assert {one.source for one in inputs} == {"onboard"}
 
 
 def test_simulated_navdata_are_those_of_the_flown_path(monkeypatch):
     monkeypatch.setattr(pacing, "TOO_LATE", 60.0)
     poses = [(k / 30.0, Pose(np.array([0.3 * k / 30.0, 0.0, 1.2]), 0.5)) for k in range(31)]
     begin = time.time() - 1.0
-    found = list(simulated_navdata(poses, 0, Schedule(begin), "onboard", NEVER))
-    reports = [one for one in found if isinstance(one, Measurement)]
+    found = list(simulated_navdata(poses, 0, Schedule(begin), NEVER))
+    reports = [one for one in found if isinstance(one, VehicleState)]
     assert len(reports) >= 15
-    forward, left, height = (np.mean([one.z[i] for one in reports]) for i in (0, 1, 3))
+    forward, left = (np.mean([one.v_body[i] for one in reports]) for i in (0, 1))
+    height = np.mean([one.height for one in reports])
     assert forward == pytest.approx(0.3 * np.cos(0.5), abs=0.15)
     assert left == pytest.approx(-0.3 * np.sin(0.5), abs=0.15)
     assert height == pytest.approx(1.2, abs=0.05)
@@ -226,17 +223,76 @@ def test_simulated_navdata_are_those_of_the_flown_path(monkeypatch):
 class Seeing:
     """A locator that sees the drone in every second frame."""
 
-    def step(self, one: DepthFrame) -> Located:
+    camera = None
+
+    def __init__(self) -> None:
+        self.expected = []
+
+    def step(self, one: DepthFrame, prediction=None) -> Located:
+        self.expected.append(prediction)
         if round(10 * one.stamp) % 2:
             return Located(one.stamp, LocatorState.LOST, None, "occluded")
         pose = PoseMeasurement(one.stamp, np.array([1.0, 2.0, 1.5]), 0.3, np.eye(4), "registration")
-        return Located(one.stamp, LocatorState.TRACKING, pose, "")
+        return Located(one.stamp, LocatorState.TRACKING, pose, "", heading_certain=True)
 
 
 def test_a_depth_camera_says_where_the_drone_is_or_why_not():
-    a, b, c = located([frame(0.0), frame(0.1), Nothing("late")], Seeing(), "depth-2")
-    assert (a.source, a.stamp, a.z.tolist()) == ("depth-2", 0.0, [1.0, 2.0, 1.5, 0.3])
+    a, b, c = located([frame(0.0), frame(0.1), Nothing("late")], Seeing())
+    assert (a.pose.stamp, a.pose.yaw, a.certain) == (0.0, 0.3, True)
     assert (b, c) == (Nothing("occluded"), Nothing("late"))
+
+
+def test_a_depth_camera_looks_where_its_node_expects_the_drone():
+    seeing = Seeing()
+    list(located([frame(0.0), frame(0.2)], seeing, lambda stamp: f"around {stamp:g}"))
+    assert seeing.expected == ["around 0", "around 0.2"]
+
+
+def test_a_depth_camera_with_colour_can_tell_the_markers_where_it_saw_the_drone(monkeypatch):
+    asked = []
+
+    def near(method, one, position, background, camera):
+        asked.append((one.stamp, position.tolist(), background))
+        return HeadingMeasurement(one.stamp, 1.1, 0.01, "tape") if one.stamp else None
+
+    monkeypatch.setattr("noctule.flight.network.sensing.heading_near", near)
+    frames = [frame(0.0, colour=True), frame(0.1, colour=True), frame(0.2), frame(0.4, colour=True)]
+    found = list(located(frames, Seeing(), markers="the room"))
+    assert asked == [(0.0, [1.0, 2.0, 1.5], "the room"), (0.4, [1.0, 2.0, 1.5], "the room")]
+    assert [type(one).__name__ for one in found] == [
+        "Sight", "Nothing", "Sight", "Sight", "HeadingMeasurement",
+    ]  # fmt: skip
+    assert found[-1].source == "markers"
+
+
+def test_a_sensors_thread_is_told_where_the_vehicle_is_expected():
+    now = time.time()
+    one, wire, found = joined(member(now - 1.0)), FakeWire(), []
+
+    def readings():
+        found.append(expectation(wire.inbox, now))
+        yield seen(now)
+        found.append(expectation(wire.inbox, now))
+
+    run_node(one, wire, readings(), [], threading.Event(), now + 60.0)
+    assert found[0] is None  # it may be anywhere
+    np.testing.assert_allclose(found[1].pose.position, 0.0, atol=1e-3)
+    assert found[1].covariance.shape == (4, 4)
+
+
+def test_a_node_that_has_ended_answers_no_questions():
+    assert expectation(queue.Queue(), 0.0) is None
+
+
+def test_a_second_node_of_the_same_name_ends_once_what_was_killed_is_forgotten():
+    class Doubled(FakeWire):
+        def require_own_name(self) -> None:
+            raise NameTakenError("two of them")
+
+    times = (0.1 * k for k in range(1000))
+    with pytest.raises(NameTakenError):
+        run_node(member(), Doubled(), None, [], threading.Event(), 30.0, lambda: next(times))
+    assert 1.2 < next(times) < 5.0
 
 
 def test_markers_say_the_heading_or_why_not(monkeypatch):
@@ -250,7 +306,7 @@ def test_markers_say_the_heading_or_why_not(monkeypatch):
     found = list(marked(frames, None, None, "tape"))
     reasons = ["late", "the camera gives no colour", "no drone in view", "its markers are not seen"]
     assert found[:4] == [Nothing(reason) for reason in reasons]
-    assert (found[4].source, found[4].z.tolist()) == ("tape", [1.1])
+    assert (found[4].source, found[4].yaw) == ("tape", 1.1)
 
 
 def test_every_process_makes_up_the_same_drill_and_measures_its_own_part(monkeypatch):

@@ -28,6 +28,7 @@ from noctule.flight.network.roll_call import SILENT, Beat, RollCall, beat_from_b
 from noctule.flight.network.wire import (
     SHARED,
     Kind,
+    NameTakenError,
     NoNetworkError,
     PortTakenError,
     Received,
@@ -89,6 +90,31 @@ def test_a_node_that_leaves_is_known_to_be_gone():
         with Wire("fusion", second):
             heard(a, Kind.ALIVE)
         assert heard(a, Kind.GONE).peer == "fusion"
+
+
+def wait_until(reached) -> None:
+    """Wait for something to become true."""
+    give_up = time.monotonic() + PATIENCE
+    while not reached() and time.monotonic() < give_up:
+        time.sleep(0.02)
+    assert reached()
+
+
+def test_the_younger_of_two_nodes_of_one_name_is_told_while_the_elder_is_there():
+    first, second = pair()
+    elder = Wire("depth", first)
+    with elder, Wire("depth", second) as younger:
+        wait_until(lambda: younger.namesakes)
+        with pytest.raises(NameTakenError) as told:
+            younger.require_own_name()
+        elder.require_own_name()
+        assert elder.inbox.empty()  # nobody came as far as it is concerned
+        elder.__exit__(None, None, None)
+        wait_until(lambda: not younger.namesakes)
+        younger.require_own_name()
+    assert str(told.value) == (
+        "node 'depth': another node of this name is there; stop it, or give this one another with --name"
+    )
 
 
 def test_a_node_that_comes_back_at_its_address_is_met_again():

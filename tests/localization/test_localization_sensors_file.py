@@ -4,7 +4,7 @@ import pytest
 
 from noctule.estimation.measurements import NavdataNoise
 from noctule.estimation.sensors import HeadingCorrection, OnboardSensors, RoomSensor, Sensors
-from noctule.localization.sensors_file import SENSORS, load_sensors, save_sensors
+from noctule.localization.sensors_file import SENSORS, load_sensors, save_sensors, sensors_of
 from noctule.localization.site_files import SiteFileError, SiteFormatError
 
 REMEDY = "make it with `noctule calibrate sensors RECORDING --site SITE`"
@@ -56,3 +56,20 @@ def test_damage_is_named(tmp_path, damage, message, kind):
     with pytest.raises(kind) as raised:
         load_sensors(tmp_path)
     assert str(raised.value) == f"site file {file}: {message}; {REMEDY}"
+
+
+def test_a_site_that_was_never_calibrated_takes_nothing_off(tmp_path):
+    assert sensors_of(tmp_path) == Sensors()
+
+
+def test_a_calibrated_site_takes_off_what_it_says(tmp_path):
+    save_sensors(tmp_path, Sensors(onboard=OnboardSensors(delay=0.03)))
+    assert sensors_of(tmp_path).onboard.delay == 0.03
+
+
+def test_a_site_that_is_no_folder_is_told(tmp_path):
+    with pytest.raises(SiteFileError) as told:
+        sensors_of(tmp_path / "lab")
+    assert str(told.value) == (
+        f"site {tmp_path / 'lab'}: is no folder; give that of `noctule calibrate camera`, or make one"
+    )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from noctule.flight.network.endpoints import Endpoints
     from noctule.flight.network.member import Member
     from noctule.flight.network.pacing import Schedule
+    from noctule.flight.network.senses import Senses
 
 Addresses = Annotated[tuple[str, ...], Parameter(negative="")]
 _POSITION_SD, _YAW_SD = 2.0, 2.0  # [m], [rad], at first: anywhere in a room, turned anyhow
@@ -39,6 +40,9 @@ class NodeOptions:
         HOST:PORT to listen at; may be repeated. Left out, a port of this machine that belongs to its task.
     connect
         HOST:PORT of every other node; repeat it. Left out, the ports of all tasks on this machine.
+    site
+        The folder of the site. Its sensors.toml (see `noctule calibrate sensors`) says what is wrong with the
+        sensors; the same for all nodes.
     vehicle
         The identified model of the vehicle (vehicle.toml), the same for all nodes. Left out, none.
     begin
@@ -56,6 +60,7 @@ class NodeOptions:
     name: str | None = None
     listen: Addresses = ()
     connect: Addresses = ()
+    site: Path | None = None
     vehicle: Path | None = None
     begin: float | None = None
     from_: Annotated[float | None, Parameter(name="--from")] = None
@@ -73,6 +78,7 @@ class Prepared:
     name: str
     role: str
     member: Member
+    senses: Senses
     endpoints: Endpoints
     begin: float  # [s], shared clock
     given: float | None  # [s], the beginning that was asked for
@@ -91,30 +97,36 @@ def prepare(role: str, options: NodeOptions) -> Prepared:
     """Return the node of a role. Raises NoctuleError for options that no node can have."""
     import numpy as np
 
+    from noctule.estimation.delayed import DEFAULTS
     from noctule.estimation.filter_state import Prior, start_at
     from noctule.estimation.network import warm_up
+    from noctule.estimation.sensors import Sensors, tuned
     from noctule.flight.network.drill import made_up
     from noctule.flight.network.endpoints import checked_name, endpoints
     from noctule.flight.network.member import Member
+    from noctule.flight.network.senses import Senses
+    from noctule.localization.sensors_file import sensors_of
     from noctule.localization.vehicle_file import load_vehicle_model
 
     name = checked_name(options.name or role)
     addresses = endpoints(role, options.listen, options.connect)
-    if options.drill is not None and (options.vehicle or options.from_ is not None):
-        raise NodeOptionsError("node: --drill does not go with --vehicle and --from; leave them out")
+    if options.drill is not None and (options.site or options.vehicle or options.from_ is not None):
+        raise NodeOptionsError("node: --drill does not go with --site, --vehicle and --from; leave them out")
     if not 0.0 < options.drill_seconds <= 600.0:
         raise NodeOptionsError(
             f"node: --drill-seconds is {options.drill_seconds:g}, expected above 0, up to 600"
         )
     model = None if options.vehicle is None else load_vehicle_model(options.vehicle).model()
+    sensors = Sensors() if options.site is None else sensors_of(options.site)
     warm_up()
     now = time.time()
     begin = now if options.begin is None else options.begin
     if options.drill is not None:
         drill = made_up(options.drill, options.drill_seconds, begin)
         own = Member(name, drill.start, drill.model, drill.settings)
-        return Prepared(name, role, own, addresses, begin, begin, None, drill)
+        return Prepared(name, role, own, Senses(name), addresses, begin, begin, None, drill)
     prior = Prior(position=_POSITION_SD, yaw=_YAW_SD)
     start = start_at(now, np.array(_START), 0.0, prior)
-    own = Member(name, start, model)
-    return Prepared(name, role, own, addresses, begin, options.begin, options.from_, None)
+    own = Member(name, start, model, tuned(DEFAULTS, sensors))
+    senses = Senses(name, sensors)
+    return Prepared(name, role, own, senses, addresses, begin, options.begin, options.from_, None)

@@ -22,11 +22,13 @@ if TYPE_CHECKING:
     from noctule.flight.network.drill import Drill
     from noctule.flight.network.member import Member
     from noctule.flight.network.process import Reading, Watcher
+    from noctule.flight.network.sensing import Expectation
 
 _SHOW_EVERY, _SAY_EVERY = 0.2, 1.0  # [s], on a terminal and elsewhere
 _AFTER = 0.5  # [s], a drill goes on until the last of its messages came
 
-Readings = Callable[[threading.Event], Iterable["Reading"]]
+Readings = Callable[[threading.Event, "Expectation"], Iterable["Reading"]]
+"""What a sensor says until it is stopped; it may ask where the vehicle is expected."""
 
 
 def run_prepared(
@@ -41,7 +43,7 @@ def run_prepared(
     from noctule.flight.interrupt import interruptible
     from noctule.flight.network.drill import Judge
     from noctule.flight.network.estimate_log import RECORDING, TABLE, EstimateLog
-    from noctule.flight.network.process import run_node
+    from noctule.flight.network.process import expectation, run_node
     from noctule.flight.network.wire import Wire
 
     if seconds is not None and not 0.0 < seconds <= 86_400.0:
@@ -52,7 +54,7 @@ def run_prepared(
         judge = Judge(node.drill)
         end = node.begin + float(node.drill.flight.arrivals[-1]) + _AFTER
         until = end if until is None else min(until, end)
-        readings = partial(_drilled, node.drill, node.role)
+        readings = _drilled(node.drill, node.role)
     status = Status(node.begin, sys.stderr if as_json else sys.stdout)
     watchers: list[Watcher] = [status.show] if judge is None else [judge, status.show]
     summary: dict[str, Any] = {}
@@ -66,15 +68,16 @@ def run_prepared(
             run_node(
                 node.member,
                 wire,
-                None if readings is None else readings(stopped),
+                None if readings is None else readings(stopped, partial(expectation, wire.inbox)),
                 watchers,
                 stopped,
                 until,
+                senses=node.senses,
             )
         finally:
             stopped.set()
             status.end()
-    found = {**node.member.summary(), "overruns": wire.overruns, **summary}
+    found = {**node.member.summary(), "half_turns": node.senses.turns, "overruns": wire.overruns, **summary}
     if judge is not None:
         found["drill"] = judge.summary()
     print(json.dumps(found, default=str, allow_nan=False) if as_json else in_words(found))
@@ -94,9 +97,12 @@ def _ended_by_service(stopped: threading.Event) -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _drilled(drill: Drill, role: str, stop: threading.Event) -> Iterable[Reading]:
-    yield from drill.readings(role, stop)
-    stop.wait()  # a drill ends for all at the same time, whatever was the last that each measured
+def _drilled(drill: Drill, role: str) -> Readings:
+    def readings(stop: threading.Event, expected: Expectation) -> Iterable[Reading]:
+        yield from drill.readings(role, stop)
+        stop.wait()  # a drill ends for all at the same time, whatever was the last that each measured
+
+    return readings
 
 
 class Status:
@@ -137,6 +143,8 @@ def in_words(found: dict[str, Any]) -> str:
     for title, key in (("refused", "refused"), ("dropped", "dropped"), ("no message", "malformed")):
         lines += [f"{title}: {count} {reason}" for reason, count in found[key].items()]
     lines += [f"the last of them: {reason}" for reason in found["why_malformed"].values()]
+    if found["half_turns"]:
+        lines.append(f"half turns: the heading was found to be the other one {found['half_turns']} times")
     if found["overruns"]:
         lines.append(f"too many messages: {found['overruns']} were lost; is this machine too slow?")
     if "drill" in found:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,14 +13,20 @@ from noctule.cli.depth_options import NONE, SourceOptions
 from noctule.cli.locate_commands import Detector
 from noctule.cli.node_options import NODE, NodeOptions, NodeOptionsError, Prepared, prepare
 from noctule.cli.options import Flag, Seed
+from noctule.errors import NoctuleError
 
 if TYPE_CHECKING:
     from noctule.flight.depth_sources import DepthSource
     from noctule.flight.network.process import Nothing, Reading
+    from noctule.flight.network.sensing import Expectation
     from noctule.localization.site import SiteCamera
     from noctule.messages import DepthFrame
 
 _SECONDS = 60.0  # of a simulated flight
+
+
+class CameraTakenError(NoctuleError):
+    """A camera that gives no frame, perhaps because another node has it open."""
 
 
 def node_onboard(
@@ -53,7 +60,7 @@ def node_onboard(
         raise NodeOptionsError("node onboard: --seed goes with --simulated only; leave it out")
     ready = prepare("onboard", node)
 
-    def readings(stop: threading.Event) -> Iterable[Reading]:
+    def readings(stop: threading.Event, expected: Expectation) -> Iterable[Reading]:
         if recording is not None:
             return _of_recording(recording, ready, stop)
         return _of_simulation(seed or 0, seconds or _SECONDS, ready, stop)
@@ -65,16 +72,18 @@ def node_depth(
     *,
     node: NodeOptions = NODE,
     source: SourceOptions = NONE,
-    site: Path | None = None,
+    with_markers: Flag = False,
     detector: Detector = "band",
     json: Flag = False,
 ) -> int:
     """Share where a depth camera in the room sees the drone.
 
+    It needs --site, a folder with camera, background and the drone's top view: see `noctule calibrate`.
+
     Parameters
     ----------
-    site
-        The folder of the site, see `noctule calibrate`.
+    with_markers
+        Share the heading of the drone's colour markers too: two nodes cannot open one camera.
     detector
         What proposes blobs to start from and to find the drone again.
     json
@@ -82,8 +91,11 @@ def node_depth(
     """
     from noctule.cli.node_running import run_prepared
 
-    _one_of("depth", {"--site": site}, node)
+    _one_of("depth", {"--site": node.site}, node)
+    if with_markers and source.simulated:
+        source = replace(source, markers=True)
     ready = prepare("depth", node)
+    site = node.site
     if site is None:
         return run_prepared(ready, as_json=json)
 
@@ -105,27 +117,32 @@ def node_depth(
     )
     return run_prepared(
         ready,
-        lambda stop: located(_timed(frames, known.camera, ready, source, stop), locator, ready.name),
+        lambda stop, expected: located(
+            _timed(frames, known.camera, ready, source, stop),
+            locator,
+            expected,
+            known.background if with_markers else None,
+        ),
         as_json=json,
     )
 
 
-def node_markers(
-    *, node: NodeOptions = NODE, source: SourceOptions = NONE, site: Path | None = None, json: Flag = False
-) -> int:
+def node_markers(*, node: NodeOptions = NODE, source: SourceOptions = NONE, json: Flag = False) -> int:
     """Share the heading that the drone's colour markers tell, from a depth camera with colour.
+
+    It needs --site, a folder with camera and background: see `noctule calibrate`. Where the depth node has
+    the same camera open, give that one --with-markers instead.
 
     Parameters
     ----------
-    site
-        The folder of the site, with its camera and background.
     json
         End standard output with one JSON object; the live line goes to standard error.
     """
     from noctule.cli.node_running import run_prepared
 
-    _one_of("markers", {"--site": site}, node)
+    _one_of("markers", {"--site": node.site}, node)
     ready = prepare("markers", node)
+    site = node.site
     if site is None:
         return run_prepared(ready, as_json=json)
 
@@ -140,7 +157,7 @@ def node_markers(
     require_same_camera(frames, camera.camera)
     return run_prepared(
         ready,
-        lambda stop: marked(
+        lambda stop, expected: marked(
             _timed(frames, camera, ready, source, stop), background, camera.camera, ready.name
         ),
         as_json=json,
@@ -191,8 +208,26 @@ def _timed(
         return _live_simulation(options, ready, stop)
     frames = straightened(source.frames(), camera)
     if options.device is not None:
-        return live_frames(frames, stop)
+        return live_frames(_of_device(frames, options.device, ready.role), stop)
     return paced_frames(frames, ready.schedule, stop)
+
+
+def _of_device(frames: Iterable[DepthFrame], device: str, role: str) -> Iterator[DepthFrame]:
+    from noctule.devices.protocols import DeviceError
+
+    seen = False
+    try:
+        for frame in frames:
+            seen = True
+            yield frame
+    except DeviceError as error:
+        if seen:
+            raise
+        other = "markers" if role == "depth" else "depth"
+        raise CameraTakenError(
+            f"node {role}: camera {device!r} gives no frame ({error}); where `noctule node {other}` has it "
+            "open, stop it: `noctule node depth --with-markers` does both"
+        ) from error
 
 
 def _live_simulation(
@@ -225,4 +260,4 @@ def _of_simulation(seed: int, seconds: float, ready: Prepared, stop: threading.E
     poses = [
         (stamp, pose) for stamp, pose in Scene("path", seed, seconds=seconds).poses() if pose is not None
     ]
-    return simulated_navdata(poses, seed, ready.schedule(0.0), ready.name, stop)
+    return simulated_navdata(poses, seed, ready.schedule(0.0), stop)

@@ -15,7 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.estimation.compiled import compiled
-from noctule.estimation.filter_state import SIZES, YAW, heading_bias_index
+from noctule.estimation.filter_state import (
+    SIZES,
+    YAW,
+    StateEstimate,
+    heading_bias_index,
+    velocity_bias_index,
+)
 from noctule.estimation.framing import (
     NAME_BYTES,
     OVERHEAD,
@@ -26,11 +32,12 @@ from noctule.estimation.framing import (
     unseal,
 )
 from noctule.estimation.information_filter import contribution
-from noctule.estimation.measurements import Measurement, linearise
-from noctule.geometry import Array
+from noctule.estimation.measurements import Component, Measurement, linearise
+from noctule.geometry import Array, wrap_angle
 
 MAGIC = b"NOCI"
 _LARGEST = 1e15  # finite is not enough: what is much larger overflows when it is multiplied
+_HALF_TURNED_SD, _RELEASED = 0.1, 0.05  # [rad], [m/s]
 _LARGEST_JUMP = 1e4  # [m, rad, m/s, rad/s]
 _HEAD = struct.Struct(f"<H{NAME_BYTES}sQddd")
 
@@ -73,6 +80,31 @@ def contribution_of(x: Array, measurement: Measurement, jump: Array | None = Non
     z = measurement
     i, I, yaw, bias = linear_contribution(x, z.components, z.z, z.R)  # noqa: E741
     return Contribution(z.stamp, z.source, z.sequence, i, I, yaw, bias, jump)
+
+
+def half_turned(known: StateEstimate, source: str, sequence: int) -> tuple[Contribution, ...]:
+    """Return what turns the yaw of all who add it by half a turn, at the stamp of `known`.
+
+    Nothing else moves. The biases of the velocities are let go: they were found with the nose at the tail.
+    """
+    n, x = known.x.size, known.x
+    jumps = np.diag([math.pi if k == YAW else _RELEASED for k in range(n)])
+    yaw = Measurement(
+        known.stamp,
+        np.array([Component.YAW], dtype=np.int64),
+        np.array([wrap_angle(float(x[YAW]) + math.pi)]),
+        np.array([[_HALF_TURNED_SD**2]]),
+        source,
+        sequence,
+    )
+    parts = [contribution_of(x, yaw, jumps[YAW])]
+    first = velocity_bias_index(n)
+    for k in range(first, first + 2) if first >= 0 else ():
+        nothing, count = np.zeros(n), sequence + len(parts)
+        parts.append(
+            Contribution(known.stamp, source, count, nothing, np.zeros((n, n)), float(x[YAW]), 0.0, jumps[k])
+        )
+    return tuple(parts)
 
 
 def to_bytes(part: Contribution) -> bytes:

@@ -7,6 +7,7 @@ here. What is fused goes back to the locator as its prediction.
 from __future__ import annotations
 
 from collections.abc import Sequence
+
 from noctule.estimation.delayed import DEFAULTS, FilterSettings
 from noctule.estimation.events import Input
 from noctule.estimation.filter_state import Prior, StateEstimate, start_at

@@ -32,11 +32,13 @@ from noctule.estimation.node_messages import (
 from noctule.estimation.vehicle_model import VehicleModel
 from noctule.flight.network.roll_call import Beat, RollCall, beat_from_bytes
 from noctule.flight.network.wire import Kind
+from noctule.localization.tracker import Prediction
 
 JOINING = 1.0  # [s], at most
 HUNG = 0.5  # [s] between two turns of the loop, and the node has missed too much
 _REPEATED = 1.0  # [s] of commands in each message
 _COMMANDS_HEARD = 256
+_LOOKED_FOR = np.array([0.5, 0.5, 0.5, 0.6])  # [m], [rad], deviations of a prediction at most
 _KNOWS_MORE = 0.1  # of log det P, between estimates of the same time
 _NO_MESSAGE = (NoctuleError, ValueError, ArithmeticError, struct.error, np.linalg.LinAlgError)
 
@@ -71,6 +73,17 @@ class Member:
         """Note that at `now` [s] its process begins, or goes on after it hung."""
         self._joins = now
         self.joining_until = now + JOINING
+
+    def known(self, stamp: float) -> StateEstimate:
+        """Return what it knows at `stamp` [s], or at the oldest that it remembers: never raises."""
+        return self.node.estimate(max(stamp, self.node.filter.oldest))
+
+    def prediction(self, stamp: float) -> Prediction | None:
+        """Return where to look in the frame exposed at `stamp` [s]; None when it may be anywhere."""
+        known = self.known(stamp)
+        if (known.sd[:4] > _LOOKED_FOR).any():
+            return None
+        return Prediction(known.pose, known.P[:4, :4])
 
     def beat(self, now: float) -> Beat:
         """Return its heartbeat."""

@@ -6,16 +6,21 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from concurrent.futures import Future
+from dataclasses import dataclass, field
 
 from noctule.estimation.events import Input
 from noctule.estimation.measurements import Measurement
 from noctule.flight.network.endpoints import is_name
 from noctule.flight.network.member import HUNG, Member
 from noctule.flight.network.roll_call import BEAT_EVERY, beat_to_bytes
-from noctule.flight.network.wire import Kind, Received, Wire
+from noctule.flight.network.senses import Sensed, Senses
+from noctule.flight.network.wire import LEASE_MS, Kind, Received, Wire
+from noctule.localization.tracker import Prediction
 
 TICK = 1.0 / 30.0  # [s]
+_ANSWERED = 0.05  # [s], a frame does not wait longer for its prediction
+_NAMED = 2e-3 * LEASE_MS  # [s], what was killed and has the same name is forgotten by then
 _BEHIND = 64  # messages in a row before the loop looks at the time again
 
 
@@ -26,7 +31,15 @@ class Nothing:
     reason: str
 
 
-Reading = Measurement | Input | Nothing
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A sensor's thread wants to know where the vehicle is expected; the node's own thread answers."""
+
+    stamp: float  # [s], of the frame
+    answer: Future[Prediction | None] = field(default_factory=Future)
+
+
+Reading = Measurement | Sensed | Input | Nothing
 Watcher = Callable[[float, Member], None]
 """Looks at a member every TICK, at a time [s]: shows it, records it, judges it."""
 
@@ -46,15 +59,18 @@ def run_node(
     stop: threading.Event,
     until: float | None = None,
     clock: Callable[[], float] = time.time,
+    senses: Senses | None = None,
 ) -> None:
     """Run a node until `stop`, `until` [s] on its clock, or the end of its readings.
 
-    `wire` is open. Raises what the readings raise; the other nodes go on.
+    `wire` is open. `senses` makes measurements of what sensors say; left out, nothing is taken off. Raises
+    what the readings raise; the other nodes go on.
     """
+    senses = senses or Senses(member.name)
     if readings is not None:
         arguments = (readings, wire.inbox, stop)
         threading.Thread(target=_feed, args=arguments, name="noctule-sensor", daemon=True).start()
-    turn = beat_at = tick_at = clock()
+    turn = beat_at = tick_at = begin = clock()
     member.join(turn)
     wire.ask()
     while not stop.is_set():
@@ -70,6 +86,8 @@ def run_node(
             beat_at = max(beat_at + BEAT_EVERY, now)
         if now >= tick_at:
             member.roll.check(now)
+            if now - begin > _NAMED:
+                wire.require_own_name()
             for watch in watchers:
                 watch(now, member)
             tick_at = max(tick_at + TICK, now)
@@ -82,7 +100,17 @@ def run_node(
                 if item.error is not None:
                     raise item.error
                 return
-            _handle(item, member, wire, clock())
+            _handle(item, member, wire, senses, clock())
+
+
+def expectation(inbox: queue.Queue[object], stamp: float) -> Prediction | None:
+    """Ask a node from its sensor's thread where to look in the frame exposed at `stamp` [s]."""
+    question = Question(stamp)
+    inbox.put(question)
+    try:
+        return question.answer.result(_ANSWERED)
+    except TimeoutError:
+        return None  # the node has other things to do, or has ended
 
 
 def _feed(readings: Iterable[Reading], inbox: queue.Queue[object], stop: threading.Event) -> None:
@@ -97,11 +125,18 @@ def _feed(readings: Iterable[Reading], inbox: queue.Queue[object], stop: threadi
     inbox.put(_Ended(error))
 
 
-def _handle(item: Reading | Received, member: Member, wire: Wire, now: float) -> None:
+def _handle(
+    item: Reading | Question | Received, member: Member, wire: Wire, senses: Senses, now: float
+) -> None:
     if isinstance(item, Measurement):
         message = member.measure(item, now)
         if message is not None:
             wire.share(Kind.CONTRIBUTION, message)
+    elif isinstance(item, Sensed):
+        for message in senses.take(item, member, now):
+            wire.share(Kind.CONTRIBUTION, message)
+    elif isinstance(item, Question):
+        item.answer.set_result(member.prediction(item.stamp))
     elif isinstance(item, Input):
         wire.share(Kind.COMMANDS, member.command(item, now))
     elif isinstance(item, Nothing):

@@ -1,9 +1,12 @@
-"""What the sensors of a node say, as readings: navigation data, depth frames, colour markers."""
+"""What the sensors of a node say, as readings: navigation data, depth frames, colour markers.
+
+What the site's calibration makes of it is for `senses`, in the node's own thread.
+"""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -11,21 +14,31 @@ import numpy as np
 
 from noctule.camera import FixedCamera
 from noctule.estimation.events import Input
-from noctule.estimation.measurements import NavdataNoise, of_heading, of_pose, of_vehicle_state
 from noctule.flight.codec import decode_state
 from noctule.flight.network.pacing import Schedule, paced
 from noctule.flight.network.process import Nothing, Reading
+from noctule.flight.network.senses import Sight
 from noctule.flight.reader import Recording
 from noctule.geometry import Pose, wrap_angle
 from noctule.localization.heading.markers import MarkerHeading
+from noctule.localization.heading.near import heading_near
 from noctule.localization.learning.bootstrap import drone_sighting
 from noctule.localization.locator import Locator
+from noctule.localization.tracker import Prediction
 from noctule.messages import DepthFrame, FlightState, VehicleState
 from noctule.simulation.navdata import Navdata, NavdataSpec
 from noctule.vision.depth.background import Background
 
-_NOISE = NavdataNoise()
+MARKERS = "markers"  # the source of headings from a depth node's own camera
 _STEPS = 300  # a second, of the simulated link
+
+
+Expectation = Callable[[float], Prediction | None]
+"""Where to look in the frame exposed at a time [s]."""
+
+
+def _nowhere(stamp: float) -> Prediction | None:
+    return None
 
 
 def recorded_navdata(
@@ -33,15 +46,12 @@ def recorded_navdata(
     schedule: Schedule,
     name: str,
     stop: threading.Event,
-    noise: NavdataNoise = _NOISE,
 ) -> Iterator[Reading]:
     """Yield what a vehicle reported and was told in a recorded flight, in real time."""
-    return paced(_recorded(recording, schedule, name, noise), stop)
+    return paced(_recorded(recording, schedule, name), stop)
 
 
-def _recorded(
-    recording: Recording, schedule: Schedule, name: str, noise: NavdataNoise
-) -> Iterator[tuple[float, list[Reading]]]:
+def _recorded(recording: Recording, schedule: Schedule, name: str) -> Iterator[tuple[float, list[Reading]]]:
     newest = -np.inf
     for k, tick in enumerate(recording.ticks):
         at = schedule.shared(tick.stamp)
@@ -49,24 +59,19 @@ def _recorded(
         state = decode_state(tick.told.state)
         if state.stamp > newest:
             newest = state.stamp
-            readings.append(_report(replace(state, stamp=schedule.shared(state.stamp)), noise, k, name))
+            readings.append(replace(state, stamp=schedule.shared(state.stamp)))
         yield at, readings
 
 
-def _report(state: VehicleState, noise: NavdataNoise, sequence: int, name: str) -> Reading:
-    measured = of_vehicle_state(state, noise, sequence, name)
-    return Nothing("the vehicle reports nothing") if measured is None else measured
-
-
 def simulated_navdata(
-    poses: list[tuple[float, Pose]], seed: int, schedule: Schedule, name: str, stop: threading.Event
+    poses: list[tuple[float, Pose]], seed: int, schedule: Schedule, stop: threading.Event
 ) -> Iterator[Reading]:
     """Yield what a vehicle that flies along `poses`, (stamp [s], pose), reports of itself, in real time."""
-    return paced(_simulated(poses, seed, schedule, name), stop)
+    return paced(_simulated(poses, seed, schedule), stop)
 
 
 def _simulated(
-    poses: list[tuple[float, Pose]], seed: int, schedule: Schedule, name: str
+    poses: list[tuple[float, Pose]], seed: int, schedule: Schedule
 ) -> Iterator[tuple[float, list[Reading]]]:
     navdata = Navdata(NavdataSpec(), np.random.SeedSequence(seed), _STEPS)
     stamps = np.array([stamp for stamp, _ in poses])
@@ -85,21 +90,34 @@ def _simulated(
     for step in range(int(stamps[-1] * _STEPS)):
         report = navdata.step(step, partial(true, step / _STEPS))
         if report is not None:
-            own = replace(report, stamp=schedule.shared(report.stamp))
-            yield schedule.shared(step / _STEPS), [_report(own, _NOISE, step, name)]
+            yield schedule.shared(step / _STEPS), [replace(report, stamp=schedule.shared(report.stamp))]
 
 
-def located(frames: Iterable[DepthFrame | Nothing], locator: Locator, name: str) -> Iterator[Reading]:
-    """Yield where a depth camera sees the vehicle in each frame, or why it does not."""
-    for k, frame in enumerate(frames):
+def located(
+    frames: Iterable[DepthFrame | Nothing],
+    locator: Locator,
+    expected: Expectation = _nowhere,
+    markers: Background | None = None,
+) -> Iterator[Reading]:
+    """Yield where a depth camera sees the vehicle in each frame, or why it does not.
+
+    `expected` is asked for the prediction of each frame. With the room's background as `markers`, the heading
+    of the colour markers is looked for where the vehicle was found.
+    """
+    method = MarkerHeading()
+    for frame in frames:
         if isinstance(frame, Nothing):
             yield frame
             continue
-        found = locator.step(frame)
+        found = locator.step(frame, expected(frame.stamp))
         if found.measurement is None:
             yield Nothing(found.reason)
-        else:
-            yield of_pose(replace(found.measurement, source=name), k)
+            continue
+        yield Sight(found.measurement, found.heading_certain)
+        if markers is not None and frame.colour is not None:
+            heading = heading_near(method, frame, found.measurement.position, markers, locator.camera)
+            if heading is not None:
+                yield replace(heading, source=MARKERS)
 
 
 def marked(
@@ -107,7 +125,7 @@ def marked(
 ) -> Iterator[Reading]:
     """Yield the heading that colour markers tell in each frame, or why there is none."""
     markers = MarkerHeading()
-    for k, frame in enumerate(frames):
+    for frame in frames:
         if isinstance(frame, Nothing):
             yield frame
             continue
@@ -119,4 +137,4 @@ def marked(
         if heading is None:
             yield Nothing("no drone in view" if sighting is None else "its markers are not seen")
         else:
-            yield of_heading(replace(heading, source=name), k)
+            yield replace(heading, source=name)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import queue
 import threading
+import time
 from dataclasses import dataclass
 from enum import StrEnum
 from types import TracebackType
@@ -33,6 +34,10 @@ class NoNetworkError(NoctuleError):
 
 class PortTakenError(NoctuleError):
     """Somebody else listens at a node's address."""
+
+
+class NameTakenError(NoctuleError):
+    """Another node of the same name, that was there before."""
 
 
 class WireError(NoctuleError):
@@ -78,6 +83,8 @@ class Wire:
         self.endpoints = endpoints
         self.inbox: queue.Queue[Any] = queue.Queue(_INBOX)  # of Received, and of what the node itself puts
         self.overruns = 0  # messages that found the queue full
+        self.namesakes: set[str] = set()  # when nodes of the same name that are there began, before this one
+        self._born = f"{time.time_ns():020d}"
         self._lock = threading.Lock()
         self._session: zenoh.Session | None = None
         self._declared: list[Any] = []  # the session forgets what nobody holds
@@ -99,9 +106,9 @@ class Wire:
         snapshots = f"{_ROOT}/{Kind.SNAPSHOT}/{self.name}"
         self._declared.append(session.declare_queryable(snapshots, self._asked, allowed_origin=remote))
         liveliness = session.liveliness()
-        self._declared.append(liveliness.declare_token(f"{_ROOT}/{Kind.ALIVE}/{self.name}"))
+        self._declared.append(liveliness.declare_token(f"{_ROOT}/{Kind.ALIVE}/{self._born}/{self.name}"))
         self._declared.append(
-            liveliness.declare_subscriber(f"{_ROOT}/{Kind.ALIVE}/*", self._lively, history=True)
+            liveliness.declare_subscriber(f"{_ROOT}/{Kind.ALIVE}/*/*", self._lively, history=True)
         )
         return self
 
@@ -154,8 +161,21 @@ class Wire:
 
     def _lively(self, sample: zenoh.Sample) -> None:
         there = sample.kind == _zenoh().SampleKind.PUT
-        if _peer(sample) != self.name:
-            self._put(Received(Kind.ALIVE if there else Kind.GONE, _peer(sample)))
+        _, born, name = str(sample.key_expr).rsplit("/", 2)
+        if name != self.name:
+            self._put(Received(Kind.ALIVE if there else Kind.GONE, name))
+        elif not there:
+            self.namesakes.discard(born)
+        elif born < self._born:
+            self.namesakes.add(born)
+
+    def require_own_name(self) -> None:
+        """Raise NameTakenError while another node that began before has the same name."""
+        if self.namesakes:
+            raise NameTakenError(
+                f"node {self.name!r}: another node of this name is there; stop it, or give this one another "
+                "with --name"
+            )
 
     def _asked(self, query: zenoh.Query) -> None:
         self._put(Received(Kind.ASKED, "", query=query))
