@@ -66,7 +66,13 @@ def along(start: Triple, end: Triple) -> tuple[Triple, Array, float]:
     a, b = np.array(start), np.array(end)
     length = float(np.linalg.norm(b - a))
     z = (b - a) / length
-    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
+    x = _cross(np.array([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0]), z)
     x /= np.linalg.norm(x)
     x0, y0, z0 = ((a + b) / 2.0).tolist()
-    return (x0, y0, z0), np.column_stack([x, np.cross(z, x), z]), length / 2.0
+    return (x0, y0, z0), np.column_stack([x, _cross(z, x), z]), length / 2.0
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return a x b of (3,) each, as numpy does it in fifteen times the time."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
