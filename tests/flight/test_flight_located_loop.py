@@ -51,7 +51,7 @@ def test_the_pilot_is_told_what_was_really_sent_at_the_last_tick():
 def test_the_fence_is_held_by_where_the_pilot_is_not_by_what_the_vehicle_adds_up():
     def answer(i, observation):
         # The vehicle reports no velocity of its own: dead reckoning would see only the commands.
-        where = whereabouts(observation.stamp, world.vehicle.position + [0.5, 0.0, 0.0], sd=0.01)
+        where = whereabouts(observation.stamp, world.vehicle.position + np.array([0.5, 0.0, 0.0]), sd=0.01)
         return Decision(Command(0.5), "follow", whereabouts=where)
 
     world = FakeWorld()

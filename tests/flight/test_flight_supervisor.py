@@ -238,15 +238,7 @@ def test_dead_reckoning_takes_the_command_for_what_is_not_reported():
 
 
 def test_dead_reckoning_goes_on_from_where_a_located_pilot_holds_the_vehicle_to_be():
-    known = Whereabouts(
-        1.0,
-        np.array([2.0, 1.0, 1.5]),
-        np.pi / 2,
-        np.zeros(4),
-        position_sd=0.02,
-        yaw_sd=0.1,
-        wanted=np.zeros(4),
-    )
+    known = Whereabouts(1.0, np.array([2.0, 1.0, 1.5]), np.pi / 2, np.zeros(4), 0.02, 0.1, np.zeros(4))
     here = DeadReckoning.at(known)
     assert here.margin(Fence()) == pytest.approx(0.06)
     # The vehicle's own heading is off by a quarter turn, and stays so.

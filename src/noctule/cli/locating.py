@@ -36,24 +36,17 @@ def locate_drone(
     options: SourceOptions, site: Path, detector: str, frames: bool, out: Path | None, json: bool
 ) -> int:
     """Locate the drone in every frame, tell and record it; 0 when it was seen at all."""
-    from noctule.localization.site import load_site, straightened
+    from noctule.localization.site import load_site, locator_of, straightened
 
     known = load_site(site)
     camera = known.camera.camera
 
     from noctule.flight.depth_recording import DepthRecorder
     from noctule.flight.interrupt import interruptible
-    from noctule.localization.locator import Locator
 
     source = depth_source(options, "locate", "path", SECONDS)
     require_same_camera(source, camera)
-    locator = Locator(
-        camera,
-        known.background,
-        known.template,
-        known.detectors.named(detector),
-        offset=known.camera.offset,
-    )
+    locator = locator_of(known, detector=detector)
     folder = out_folder(out, "locate")
     tally, status = Tally(source.truth), Status(json)
     with (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from noctule.errors import NoctuleError
-from noctule.flight.summary import Samples
+from noctule.flight.samples import Samples
 from noctule.messages import Outcome
 
 

@@ -92,12 +92,15 @@ class _Loop:
         if decision is not None and decision.whereabouts is not None:
             self.reckoning = DeadReckoning.at(decision.whereabouts)
         # Nobody looks at pictures any more once the flight is being ended.
-        picture_age, depth_age = (0.0, 0.0) if decision is None else self.senses.ages(self.stamp, decision)
+        picture_age, depth_age, located = 0.0, 0.0, False
+        if decision is not None:
+            picture_age, depth_age, located = self.senses.ages(self.stamp, decision)
         inputs = Inputs(
             wanted=Command() if decision is None else decision.command,
             dt=self.dt,
             picture_age=picture_age,
             depth_age=depth_age,
+            located=located,
             state_age=self.stamp - state.stamp,
             flight_state=state.flight_state,
             battery=state.battery,
@@ -150,6 +153,7 @@ class _Loop:
         flown.samples.epsilons.append(decision.diagnostics.epsilon_px)
         flown.samples.targets.append(decision.diagnostics.target_index)
         flown.samples.whereabouts.append(decision.whereabouts)
+        flown.samples.phases.append(decision.phase)
         truth = self.record(told, ruling, sent, decision, tick_ms)
         self.judge(flown, decision, ruling, truth)
 

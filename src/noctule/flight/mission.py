@@ -6,31 +6,52 @@ import difflib
 import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Any, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from noctule.control.cascade import DelayTooLongError
+from noctule.control.paths import PathPlan
 from noctule.errors import NoctuleError
-from noctule.flight.fence import Fence
+from noctule.estimation.identification import VehicleModelSettings
+from noctule.flight.mission_groups import (
+    FenceSettings,
+    FlightSettings,
+    PathPose,
+    PathSettings,
+    RecordingSettings,
+    StartSettings,
+)
+from noctule.flight.mission_located import CeilingSettings, PersonSettings, SpacePathSettings, model_of
 from noctule.flight.setting_errors import explain
 from noctule.flight.supervisor import Bounds
-from noctule.geometry import Pose, wrap_angle
-from noctule.pilots.route import backwards, laps
+from noctule.flight.toml_lines import key_lines
+from noctule.localization.vehicle_file import load_vehicle_model
+from noctule.pilots.located_settings import HandoverSettings, LocatedSettings
 from noctule.pilots.settings import PilotSettings
 from noctule.settings import Settings
 from noctule.simulation.spec import CameraSpec, LimitsSpec, RoomSpec, VehicleSpec
 
-Metres = Annotated[float, Field(ge=-100.0, le=100.0)]
-
-
-PathPose = Annotated[
-    tuple[Annotated[float, Field(ge=-360.0, le=360.0)], ...], Field(min_length=4, max_length=4)
+__all__ = [
+    "CeilingSettings",
+    "FenceSettings",
+    "FlightSettings",
+    "Mission",
+    "MissionFileError",
+    "PathPose",
+    "PathSettings",
+    "PersonSettings",
+    "RecordingSettings",
+    "SpacePathSettings",
+    "StartSettings",
+    "UnknownMissionError",
+    "bundled_missions",
+    "check_flyable",
+    "load_mission",
+    "parse_mission",
 ]
-"""x, y, z [m] and heading [deg]."""
-
-CurvePiece = tuple[Annotated[float, Field(gt=0.0, le=1000.0)], Annotated[float, Field(ge=-100.0, le=100.0)]]
-"""Length [m] and curvature [1/m], positive to the left."""
+_OF_LOCATED = ("located", "handover", "ceiling", "vehicle_model", "people")
 
 
 class MissionFileError(NoctuleError):
@@ -41,126 +62,11 @@ class UnknownMissionError(NoctuleError):
     """A name that is neither a bundled mission nor a file."""
 
 
-class StartSettings(Settings):
-    """Where the flight begins, in hover."""
-
-    x: Metres = Field(0.0, description="world x [m]")
-    y: Metres = Field(0.0, description="world y [m]")
-    z: float = Field(1.0, ge=0.1, le=20.0, description="height [m]")
-    yaw_deg: float = Field(0.0, ge=-180.0, le=180.0, description="heading [deg]")
-    spread_m: float = Field(0.0, ge=0.0, le=1.0, description="each seed moves the start by up to this [m]")
-    spread_deg: float = Field(
-        0.0, ge=0.0, le=45.0, description="each seed turns the start by up to this [deg]"
-    )
-
-    @property
-    def nominal(self) -> Pose:
-        """Where the mission says that the flight begins."""
-        return Pose(np.array([self.x, self.y, self.z]), wrap_angle(float(np.radians(self.yaw_deg))))
-
-    def pose(self, seed: int) -> Pose:
-        """Return where the flight of `seed` really begins."""
-        # A stream of its own, so that no other draw of the seed moves the start.
-        draw = np.random.default_rng([seed, 0x57A47]).uniform(-1.0, 1.0, 4)
-        turn = float(np.radians(self.spread_deg * draw[3]))
-        return Pose(self.nominal.position + self.spread_m * draw[:3], wrap_angle(self.nominal.yaw + turn))
-
-
-class PathSettings(Settings):
-    """The visual path: a folder of key images, or poses where a simulated flight takes them."""
-
-    folder: Path | None = Field(None, description="path folder, relative to the mission file")
-    poses: tuple[PathPose, ...] | None = Field(
-        None, min_length=1, max_length=500, description="x, y, z [m] and heading [deg] of each key image"
-    )
-    laps: int = Field(1, ge=1, le=100, description="a closed path is flown this often without a stop")
-    reverse: bool = Field(False, description="from the last image to the first, tail first")
-    curve: tuple[CurvePiece, ...] | None = Field(
-        None,
-        min_length=1,
-        max_length=200,
-        description="pieces of the true curve from the start: length [m], curvature [1/m]; only the judge "
-        "reads it, without it straight lines through the true poses hold",
-    )
-
-    @model_validator(mode="after")
-    def _one_of_both(self) -> Self:
-        if (self.folder is None) == (self.poses is None):
-            raise ValueError("give either a folder of key images or the poses to take them from")
-        return self
-
-    def route(self, n_images: int) -> tuple[int, ...]:
-        """Return the indices of the path's images in the order in which they are flown."""
-        forward = laps(n_images, self.laps)
-        return backwards(forward) if self.reverse else forward
-
-
-class FenceSettings(Settings):
-    """The box that the vehicle must not leave; a side that is not given is the room's."""
-
-    x_min: Metres | None = Field(None, description="[m]")
-    x_max: Metres | None = Field(None, description="[m]")
-    y_min: Metres | None = Field(None, description="[m]")
-    y_max: Metres | None = Field(None, description="[m]")
-    z_min: float = Field(0.15, ge=0.0, le=20.0, description="lowest height [m]")
-    z_max: float | None = Field(None, ge=0.1, le=20.0, description="highest height [m]")
-    inside: float = Field(0.25, ge=0.0, le=5.0, description="from the walls, where no side is given [m]")
-    margin_per_second: float = Field(0.005, ge=0.0, le=1.0, description="growth of the margin [m/s]")
-    margin_per_metre: float = Field(0.02, ge=0.0, le=1.0, description="growth of the margin [m/m]")
-
-    @model_validator(mode="after")
-    def _not_empty(self) -> Self:
-        for axis in "xyz":
-            low, high = getattr(self, f"{axis}_min"), getattr(self, f"{axis}_max")
-            if low is not None and high is not None and low >= high:
-                raise ValueError(
-                    f"{axis}_min is {low:g} and {axis}_max {high:g}; the first must be the smaller"
-                )
-        return self
-
-    def values(self, room: RoomSpec) -> Fence:
-        """Return the record that the supervisor takes."""
-
-        def side(given: float | None, wall: float) -> float:
-            return wall if given is None else given
-
-        low = (
-            side(self.x_min, room.x_min + self.inside),
-            side(self.y_min, room.y_min + self.inside),
-            self.z_min,
-        )
-        high = (
-            side(self.x_max, room.x_max - self.inside),
-            side(self.y_max, room.y_max - self.inside),
-            side(self.z_max, room.size[2] - self.inside),
-        )
-        return Fence(low, high, self.margin_per_second, self.margin_per_metre)
-
-
-class FlightSettings(Settings):
-    """How the loop runs."""
-
-    rate_hz: float = Field(30.0, ge=5.0, le=120.0, description="ticks a second")
-    time_limit_s: float = Field(120.0, gt=0.0, le=3600.0, description="after this the flight is stuck [s]")
-    match_delay_s: float = Field(
-        0.15, ge=0.0, le=5.0, description="simulated delay of the matching worker [s]"
-    )
-    picture_max_age_s: float = Field(
-        0.5, gt=0.0, le=5.0, description="pictures that are late by more: the supervisor hovers [s]"
-    )
-    seed: int = Field(0, ge=0, description="draws what the mission leaves open")
-    land: bool = Field(False, description="land at the end, or stay in hover")
-
-
-class RecordingSettings(Settings):
-    """What is kept of the flight."""
-
-    lossless: bool = Field(False, description="exact pictures, for replay bit for bit")
-    jpeg_quality: int = Field(80, ge=10, le=100, description="of lossy pictures")
-
-
 class Mission(Settings):
-    """A whole mission; every group has defaults but the path."""
+    """A whole mission; every group has defaults, but it needs a path, a space_path, or both.
+
+    With both the path in space ends where the visual one begins, and the flight is handed over there.
+    """
 
     name: str = Field("mission", min_length=1, max_length=80, description="what it is called")
     description: str = Field("", max_length=200, description="one line for the list of missions")
@@ -168,13 +74,32 @@ class Mission(Settings):
     vehicle: VehicleSpec = VehicleSpec()
     camera: CameraSpec = CameraSpec()
     start: StartSettings = StartSettings()
-    path: PathSettings
+    path: PathSettings | None = None
     pilot: PilotSettings = PilotSettings()
+    space_path: SpacePathSettings | None = None
+    located: LocatedSettings = LocatedSettings()
+    handover: HandoverSettings = HandoverSettings()
+    ceiling: CeilingSettings = CeilingSettings()
+    vehicle_model: VehicleModelSettings | None = None
+    people: tuple[PersonSettings, ...] = Field((), max_length=20)
     limits: LimitsSpec = LimitsSpec()
     fence: FenceSettings = FenceSettings()
     flight: FlightSettings = FlightSettings()
     recording: RecordingSettings = RecordingSettings()
     _text: str = PrivateAttr("")
+
+    @model_validator(mode="after")
+    def _something_to_fly(self) -> Self:
+        if self.path is None and self.space_path is None:
+            raise ValueError("there is nothing to fly: give a path, a space_path, or both")
+        for name in _OF_LOCATED if self.space_path is None else ():
+            if getattr(self, name) != type(self).model_fields[name].default:
+                raise ValueError(
+                    f"{name} belongs to a space_path, and there is none; give one or leave it out"
+                )
+        if self.path is None and self.handover != HandoverSettings():
+            raise ValueError("handover is to a visual path, and there is none; give a path or leave it out")
+        return self
 
     @property
     def text(self) -> str:
@@ -188,11 +113,23 @@ class Mission(Settings):
             limits=self.limits.values(),
             fence=self.fence.values(self.room),
             picture_age=self.flight.picture_max_age_s + self.pilot.picture_latency_s,
+            depth_age=self.ceiling.max_age_s,
+            located_state_age=self.ceiling.silence_s,
         )
+
+    @property
+    def known_vehicle(self) -> VehicleModelSettings:
+        """What a located pilot knows of the vehicle: the given model, or that of the simulated one."""
+        return model_of(self.vehicle) if self.vehicle_model is None else self.vehicle_model
+
+    def space_plan(self) -> PathPlan:
+        """Return what is to be flown in space; the mission has a space_path. Raises SpacePathFileError."""
+        assert self.space_path is not None
+        return self.space_path.plan(self.limits.values(), f"mission {self.name}", key_lines(self._text))
 
 
 def parse_mission(text: str, name: str, base: Path | None = None) -> Mission:
-    """Read a mission from TOML text; `name` stands in its errors, path folders are relative to `base`.
+    """Read a mission from TOML text; `name` stands in its errors, files are relative to `base`.
 
     Raises
     ------
@@ -205,13 +142,59 @@ def parse_mission(text: str, name: str, base: Path | None = None) -> Mission:
         raise MissionFileError(f"{name}: this is not TOML: {error}; mend it there") from None
     except ValidationError as error:
         raise MissionFileError(explain(error, Mission, text, name)) from None
-    folder = mission.path.folder
-    if folder is not None and base is not None:
-        mission = mission.model_copy(
-            update={"path": mission.path.model_copy(update={"folder": base / folder})}
-        )
+    mission = _with_files(mission, base)
     mission._text = text
+    if mission.space_path is not None:
+        check_flyable(mission, name)
     return mission
+
+
+def _with_files(mission: Mission, base: Path | None) -> Mission:
+    """Return the mission with its files found, relative to `base`, and the small ones read."""
+    update: dict[str, Any] = {}
+    if mission.path is not None and mission.path.folder is not None and base is not None:
+        update["path"] = mission.path.model_copy(update={"folder": base / mission.path.folder})
+    if mission.space_path is not None:
+        update["space_path"] = mission.space_path.read(base)
+    ceiling = mission.ceiling
+    if ceiling.vehicle is not None and mission.vehicle_model is None:
+        file = ceiling.vehicle if base is None else base / ceiling.vehicle
+        update["vehicle_model"] = load_vehicle_model(file)
+    if ceiling.site is not None and base is not None:
+        update["ceiling"] = ceiling.model_copy(update={"site": base / ceiling.site})
+    return mission.model_copy(update=update)
+
+
+def check_flyable(mission: Mission, name: str) -> PathPlan:
+    """Return the plan of a mission's path in space, refused where it cannot be flown.
+
+    Raises
+    ------
+    SpacePathFileError
+        When the path asks for more than the limits, at its place on the path.
+    MissionFileError
+        When it leaves the fence, never ends, or the vehicle answers too late.
+    """
+    plan = mission.space_plan()
+    fence = mission.fence.values(mission.room)
+    position = plan.path.position
+    outside = ((position < np.array(fence.low)) | (position > np.array(fence.high))).any(axis=1)
+    if outside.any():
+        k = int(outside.argmax())
+        raise MissionFileError(
+            f"{name}: space_path: it is outside of the fence at {plan.path.place(float(plan.path.s[k]))}; "
+            f"expected x {fence.low[0]:g} to {fence.high[0]:g}, y {fence.low[1]:g} to {fence.high[1]:g}, "
+            f"z {fence.low[2]:g} to {fence.high[2]:g} m"
+        )
+    if plan.laps is None and mission.located.end_after_s is None:
+        raise MissionFileError(
+            f"{name}: space_path: it is endless, and nothing ends it; give laps, or located.end_after_s"
+        )
+    try:
+        mission.located.follower.cascade.check_delay(mission.known_vehicle.delay_s)
+    except DelayTooLongError as error:
+        raise MissionFileError(f"{name}: {error}") from None
+    return plan
 
 
 def _bundled() -> dict[str, str]:

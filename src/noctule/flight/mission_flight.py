@@ -1,42 +1,36 @@
-"""A whole mission in simulation: build the world, teach or load the path, fly, record, sum up."""
+"""A whole mission in simulation: build the world, teach what is to be taught, fly, record, sum up."""
 
 from __future__ import annotations
 
-import io
 import json
 import platform
-import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
 
 import cv2
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from noctule.flight.codec import encode_pose
 from noctule.flight.flown import Aborted, Flown
+from noctule.flight.located_flight import LocatedFlight, prepare_located
 from noctule.flight.loop import LoopSettings, fly
 from noctule.flight.mission import Mission
-from noctule.flight.path_check import require_seen, require_sound
-from noctule.flight.path_folder import load_path, load_truth
-from noctule.flight.progress import flight_progress
+from noctule.flight.path_check import require_seen
+from noctule.flight.progress import flight_progress, teaching_progress
 from noctule.flight.recording import FlightRecorder
 from noctule.flight.rig import Rig
 from noctule.flight.summary import reference_of, summarise
 from noctule.flight.teach import teach
+from noctule.flight.visual_flight import VisualFlight, prepare_visual
 from noctule.geometry import Pose
-from noctule.messages import FlightState, MatchResult, Observation, Picture, VehicleState
-from noctule.pilots import make_matcher, make_pilot
-from noctule.pilots.route import unroll
-from noctule.pilots.visual_path import VisualPath
+from noctule.messages import Pilot
+from noctule.pilots.handover import HandoverPilot
 from noctule.simulation import SimulatedWorld
 
-_WARM_TICKS = 6
-_NOT_OF_THE_PATH = ("truth.toml", "contact-sheet.png")  # in its folder, but not for the pilot
 _PACKAGES = ("noctule", "numpy", "opencv-python-headless", "mujoco", "numba", "foxglove-sdk")
 
 
@@ -79,38 +73,35 @@ def fly_mission(
 
 def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
     seed = mission.flight.seed
-    folder = mission.path.folder or teach(mission, seed, out)
-    taught = load_path(folder, mission.camera.intrinsics, mission.pilot.features, mission.camera.mount)
-    if mission.path.folder is not None:
-        require_sound(taught, f"path {folder}")
-    route = mission.path.route(len(taught.images))
-    path, truth = unroll(taught, route), load_truth(folder)
-    if truth is not None:
-        truth = tuple(truth[k] for k in route)
-    pilot = make_pilot(mission.pilot, path, mission.limits.values(), 1.0 / mission.flight.rate_hz)
-    matcher = make_matcher(mission.pilot, path)
-    warm_up(mission, taught)
+    located, visual = None, None
+    if mission.space_path is not None:
+        with teaching_progress(progress) as told:
+            located = prepare_located(mission, out, told)
+    if mission.path is not None:
+        visual = prepare_visual(mission, mission.path.folder or teach(mission, seed, out))
     settings = LoopSettings(
         mission.flight.rate_hz,
         mission.flight.time_limit_s,
         mission.flight.match_delay_s,
         land_at_end=mission.flight.land,
+        land_when_lost=located is not None,
         height=mission.start.z,
     )
     recording, kept = out / "flight.mcap", mission.recording
     with (
-        _world(mission, taught, folder) as world,
+        _world(mission, located, visual) as (world, rig),
         FlightRecorder(
-            set_aside(recording), lossless=kept.lossless, jpeg_quality=kept.jpeg_quality
+            set_aside(recording), lossless=kept.lossless, jpeg_quality=kept.jpeg_quality, depth=kept.depth
         ) as recorder,
     ):
-        _note_beginning(recorder, mission, folder, truth)
-        rig = Rig(world.clock, world.vehicle, world.camera, world.referee)
+        truth = None if visual is None else visual.truth
+        _note_beginning(recorder, mission, _attached(located, visual), truth)
         with flight_progress(progress, settings.time_limit_s) as show:
             # Dead reckoning begins where the mission says, not where the seed really put it.
-            start = mission.start.nominal
+            start, pilot = mission.start.nominal, _pilot(mission, located, visual)
+            matcher = None if visual is None else visual.matcher
             flown = fly(rig, pilot, matcher, settings, mission.bounds, recorder, show, start)
-        summary = _sum_up(flown, mission, truth)
+        summary = _sum_up(flown, mission, truth, located)
         noted = {name: json.dumps(value) for name, value in summary.items()}
         summary["recording"] = str(recording)
         _write_summary(out / "summary.json", summary)
@@ -121,34 +112,52 @@ def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
     return FlightResult(summary, recording, out)
 
 
+def _pilot(mission: Mission, located: LocatedFlight | None, visual: VisualFlight | None) -> Pilot:
+    if located is None:
+        assert visual is not None
+        return visual.pilot
+    if visual is None:
+        return located.pilot
+    return HandoverPilot(located.pilot, visual.pilot, mission.limits.values(), mission.handover)
+
+
+def _attached(located: LocatedFlight | None, visual: VisualFlight | None) -> dict[str, bytes]:
+    """Return the files that a replay needs beside the mission, by name."""
+    files = {} if visual is None else {"path.zip": visual.zipped()}
+    return files if located is None else files | {"site.zip": located.zipped()}
+
+
 @contextmanager
-def _world(mission: Mission, path: VisualPath, folder: Path) -> Iterator[SimulatedWorld]:
-    """Give the room with the vehicle in hover and its camera open; a path of another room is refused."""
+def _world(
+    mission: Mission, located: LocatedFlight | None, visual: VisualFlight | None
+) -> Iterator[tuple[SimulatedWorld, Rig]]:
+    """Give the room with the vehicle in it, and its cameras open; a visual path of another room is refused."""
     seed = mission.flight.seed
     start = mission.start.pose(seed)
     with (
-        SimulatedWorld(mission.room, mission.vehicle, mission.camera, start, seed) as world,
+        SimulatedWorld(
+            mission.room,
+            mission.vehicle,
+            mission.camera,
+            start,
+            seed,
+            start_flying=not mission.start.on_floor,
+            ceiling=None if located is None else mission.ceiling.spec,
+            motions=() if located is None else located.motions,
+        ) as world,
         world.vehicle,
     ):
-        world.camera.open()
-        # The room is painted now, not in the flight's first tick.
-        seen = world.photograph(start).pixels
-        if mission.path.folder is not None:
-            require_seen(path, seen, f"path {folder}")
-        yield world
-
-
-def warm_up(mission: Mission, path: VisualPath) -> None:
-    """Show the first key image to a pilot that is then thrown away: no tick of the flight compiles code."""
-    dt = 1.0 / mission.flight.rate_hz
-    pilot = make_pilot(mission.pilot, path, mission.limits.values(), dt)
-    matcher = make_matcher(mission.pilot, path)
-    still = VehicleState(0.0, FlightState.FLYING, 0.0, 0.0, 0.0, np.zeros(3), 1.0)
-    matches: tuple[MatchResult, ...] = ()
-    for i in range(_WARM_TICKS):
-        picture = Picture(i * dt, path.images[0].pixels)
-        decision = pilot.step(Observation(i * dt, replace(still, stamp=i * dt), picture, matches))
-        matches = tuple(matcher(picture, r.key_index) for r in decision.requests)
+        if visual is not None:
+            world.camera.open()
+            # The room is painted now, not in the flight's first tick.
+            seen = world.photograph(start).pixels
+            # A flight that is located first begins elsewhere.
+            if mission.path is not None and mission.path.folder is not None and located is None:
+                require_seen(visual.taught, seen, f"path {visual.folder}")
+        if world.ceiling is not None:
+            world.ceiling.open()
+        camera = None if visual is None else world.camera
+        yield world, Rig(world.clock, world.vehicle, camera, world.referee, world.ceiling)
 
 
 @contextmanager
@@ -200,14 +209,17 @@ def _versions() -> dict[str, str]:
 
 
 def _note_beginning(
-    recorder: FlightRecorder, mission: Mission, folder: Path, truth: tuple[Pose, ...] | None
+    recorder: FlightRecorder,
+    mission: Mission,
+    files: Mapping[str, bytes],
+    truth: tuple[Pose, ...] | None,
 ) -> None:
     """Write all that a replay or a report needs, so that the recording can stand alone."""
     recorder.note(
         "flight",
         {
             "mission": mission.name,
-            "law": mission.pilot.law,
+            "law": mission.pilot.law if mission.path is not None else "located",
             "seed": str(mission.flight.seed),
             "lossless": json.dumps(mission.recording.lossless),
             "simulated": "true",
@@ -218,25 +230,18 @@ def _note_beginning(
         recorder.note("truth", {"key_poses": f"[{', '.join(encode_pose(p) for p in truth)}]"})
     recorder.attach("mission.toml", "application/toml", mission.text.encode())
     recorder.attach("mission.json", "application/json", mission.model_dump_json().encode())
-    recorder.attach("path.zip", "application/zip", _zipped(folder))
+    for name, data in files.items():
+        recorder.attach(name, "application/zip", data)
     recorder.flush()
 
 
-def _zipped(folder: Path) -> bytes:
-    """Return the path folder as a zip without the truth, the same bytes for the same path."""
-    target = io.BytesIO()
-    with zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as archive:
-        for file in sorted(folder.iterdir()):
-            if file.suffix in (".toml", ".png", ".npz") and file.name not in _NOT_OF_THE_PATH:
-                # ZipInfo's own date, not the file's.
-                archive.writestr(zipfile.ZipInfo(file.name), file.read_bytes())
-    return target.getvalue()
-
-
-def _sum_up(flown: Flown, mission: Mission, truth: tuple[Pose, ...] | None) -> dict[str, Any]:
+def _sum_up(
+    flown: Flown, mission: Mission, truth: tuple[Pose, ...] | None, located: LocatedFlight | None
+) -> dict[str, Any]:
     goal, reference = truth[-1] if truth else None, reference_of(mission, truth or ())
+    plan = None if located is None else located.plan
     outcome = str(flown.outcome)
-    return summarise(flown.samples, goal, outcome, flown.reason, flown.realtime_factor, reference)
+    return summarise(flown.samples, goal, outcome, flown.reason, flown.realtime_factor, reference, plan)
 
 
 def _write_summary(path: Path, summary: dict[str, Any]) -> None:

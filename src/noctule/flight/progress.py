@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -25,6 +25,19 @@ class Show(Protocol):
 
 def _silent(elapsed: float, text: str) -> None:
     pass
+
+
+@contextmanager
+def teaching_progress(enabled: bool) -> Iterator[Callable[[float, str], None]]:
+    """Give a function that shows how much is taught, 0 to 1, and what comes now; on a terminal only."""
+    console = Console(stderr=True)
+    if not (enabled and console.is_terminal):
+        yield _silent
+        return
+    columns = (TextColumn("teaching the camera: {task.description}"), BarColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda done, text: bar.update(task, completed=done, description=text)
 
 
 @contextmanager

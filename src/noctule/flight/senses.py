@@ -23,17 +23,18 @@ class Senses:
         """Return the newest picture and depth frame, None for what was seen before or is too old."""
         return self._new_picture(), self._new_depth()
 
-    def ages(self, now: float, decision: Decision) -> tuple[float, float]:
-        """Return how old [s] the newest picture and the newest depth frame are, 0 for what is not flown by.
+    def ages(self, now: float, decision: Decision) -> tuple[float, float, bool]:
+        """Return how old [s] picture and depth frame are, 0 for what is not flown by; and whether by depth.
 
         A pilot that says where it is flies by the camera above, and so does one that does not know it yet.
         """
         known = decision.whereabouts is not None
-        by_depth = self._rig.ceiling is not None and (known or not self._located)
+        no_camera = self._rig.camera is None
+        by_depth = self._rig.ceiling is not None and (known or no_camera or not self._located)
         self._located = self._located or known
-        if by_depth or self._rig.camera is None:
-            return 0.0, 0.0 if self._rig.ceiling is None else now - self._depth_stamp
-        return now - self._picture_stamp, 0.0
+        if by_depth:
+            return 0.0, now - self._depth_stamp, True
+        return 0.0 if no_camera else now - self._picture_stamp, 0.0, False
 
     def _new_picture(self) -> Picture | None:
         if self._rig.camera is None:

@@ -20,8 +20,7 @@ from noctule.estimation.sensors import Sensors
 from noctule.flight.sensor_recording import SensorLog
 from noctule.localization.heading.markers import MarkerHeading
 from noctule.localization.heading.near import heading_near
-from noctule.localization.locator import Locator
-from noctule.localization.site import Site, straightened
+from noctule.localization.site import Site, locator_of, straightened
 from noctule.messages import DepthFrame, HeadingMeasurement, PoseMeasurement
 
 Kind = Literal["truth", "markers"]
@@ -90,8 +89,7 @@ def calibrate_sensors(
 
 def see(log: SensorLog, frames: Iterable[DepthFrame], site: Site) -> SensorLog:
     """Return the log with what the depth frames of the recording show: the drone and its markers."""
-    camera = site.camera.camera
-    locator = Locator(camera, site.background, site.template, site.detectors.band, offset=site.camera.offset)
+    camera, locator = site.camera.camera, locator_of(site)
     method = MarkerHeading()
     poses: list[PoseMeasurement] = []
     headings: list[HeadingMeasurement] = []

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
+from noctule.control.paths import PathPlan
+from noctule.errors import NoctuleError
 from noctule.flight.codec import decode_pose
 from noctule.flight.cross_track import Reference, cross_track, level_curve, polyline
+from noctule.flight.located_summary import FIGURES, final_goal, located_figures
 from noctule.flight.mission import Mission
-from noctule.flight.reader import Recording, Tick, read_recording
+from noctule.flight.reader import Recording, read_recording
+from noctule.flight.samples import Samples, samples_of
 from noctule.geometry import Array, Pose, wrap_angle
-from noctule.messages import Command, Outcome, Truth, Whereabouts
+from noctule.messages import Outcome, Truth
 
 OUTCOMES = tuple(str(o) for o in Outcome)
 
@@ -45,35 +48,6 @@ def finite_or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-@dataclass(slots=True)
-class Samples:
-    """What the figures of a flight are worked out from; filled while it lasts, or from its recording."""
-
-    times: list[float] = field(default_factory=list)  # [s], the ticks at which the pilot was asked
-    tick_ms: list[float] = field(default_factory=list)  # [ms], the same ticks
-    epsilons: list[float] = field(default_factory=list)  # [px], the same ticks
-    targets: list[int] = field(default_factory=list)  # index of the image flown to, the same ticks
-    truths: list[Truth] = field(default_factory=list)  # the same ticks, empty without a referee
-    whereabouts: list[Whereabouts | None] = field(default_factory=list)  # the same ticks
-    sent: list[Command] = field(default_factory=list)  # all ticks, the braking at the end included
-
-
-def samples_of(ticks: Sequence[Tick]) -> Samples:
-    """Return the samples of recorded ticks."""
-    samples = Samples()
-    for tick in ticks:
-        samples.sent.append(tick.sent)
-        if tick.decision is not None:
-            samples.times.append(tick.stamp)
-            samples.tick_ms.append(tick.tick_ms)
-            samples.epsilons.append(tick.decision.diagnostics.epsilon_px)
-            samples.targets.append(tick.decision.diagnostics.target_index)
-            samples.whereabouts.append(tick.decision.whereabouts)
-            if tick.truth is not None:
-                samples.truths.append(tick.truth)
-    return samples
-
-
 def summarise(
     samples: Samples,
     goal: Pose | None,
@@ -81,12 +55,16 @@ def summarise(
     reason: str,
     realtime_factor: float | None,
     reference: Reference | None = None,
+    plan: PathPlan | None = None,
 ) -> dict[str, Any]:
     """Return the figures of a flight; `goal` is where the last key image was really taken.
 
-    `reference` is the curve that the body was to follow, None where nobody knows it.
+    `reference` is the curve that the body was to follow, None where nobody knows it. A path in space has a
+    `plan` instead, and where there is no `goal` the flight's is where the pilot wanted to be at its end.
     Time runs from the pilot's first tick to its last; the pose at the end is the true one at that last tick.
     """
+    if plan is not None and goal is None:
+        goal = final_goal(samples)
     epsilons = [e for e in samples.epsilons if np.isfinite(e)]
     clearances = [t.clearance for t in samples.truths]
     distance, turn = errors_at_end(samples.truths[-1] if samples.truths else None, goal)
@@ -108,6 +86,7 @@ def summarise(
         },
         "realtime_factor": realtime_factor,
         **cross_track(reference, samples.times, positions, samples.targets),
+        **({} if plan is None else located_figures(plan, samples)),
         "recording": None,
         "report": None,
     }
@@ -118,7 +97,7 @@ def reference_of(mission: Mission, truth: Sequence[Pose]) -> Reference | None:
 
     The mission's curve, or straight lines from the start through those poses; None where nobody knows them.
     """
-    if not truth:
+    if not truth or mission.path is None:
         return None
     start, images = mission.start.nominal, len(truth) // mission.path.laps
     if mission.path.curve is not None:
@@ -136,12 +115,12 @@ def _worked_out(recording: Recording) -> dict[str, Any]:
     truth = truth_of(recording)
     try:
         mission = Mission.model_validate_json(recording.files.get("mission.json", b""))
-    except ValidationError:  # of another version: all the other figures can still be told
-        reference = None
-    else:
+        plan = None if mission.space_path is None else mission.space_plan()
         reference = reference_of(mission, truth)
+    except (ValidationError, NoctuleError):  # of another version: all the other figures can still be told
+        reference, plan = None, None
     goal = truth[-1] if truth else None
-    return summarise(samples_of(recording.ticks), goal, *_outcome_of(recording), None, reference)
+    return summarise(samples_of(recording.ticks), goal, *_outcome_of(recording), None, reference, plan)
 
 
 def summary_of(recording: Recording) -> dict[str, Any]:
@@ -193,6 +172,9 @@ def pool(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
         {**_pooled_cross_track(laps), "duration_s": _of([lap["duration_s"] for lap in laps], np.median)}
         for laps in by_lap
     ] or None
+    for name in FIGURES:
+        if name not in summary and any(name in r for r in runs):
+            summary[name] = _of([r.get(name) for r in runs], np.median)
     return {**summary, "recording": None, "report": None}
 
 

@@ -80,6 +80,7 @@ class Bounds:
     picture_age: float = 0.5  # [s], older: hover
     depth_age: float = 12.0  # [s], older: hover; a located pilot has long done so by itself
     state_age: float = 0.5  # [s], older: hover
+    located_state_age: float = 9.0  # [s], instead where the camera above knows where the vehicle is
     land_after: float = 3.0  # [s] that any of these lasts beyond its limit: land
     battery: float = 0.1  # 0 to 1, below: land
 
@@ -94,6 +95,7 @@ class Inputs:
     picture_age: float = 0.0  # [s] since the newest picture was taken, where it flies by pictures
     depth_age: float = 0.0  # [s] since the newest depth frame was taken, where it flies by those
     state_age: float = 0.0  # [s] since the vehicle's newest report
+    located: bool = False  # it flies by the camera above
     flight_state: FlightState = FlightState.FLYING
     battery: float | None = None  # 0 to 1
     position: Array = field(
@@ -118,10 +120,11 @@ class Ruling:
 
 def conditions(inputs: Inputs, bounds: Bounds) -> frozenset[Condition]:
     """Return what is true now."""
+    state_age = bounds.located_state_age if inputs.located else bounds.state_age
     ages = (
         inputs.command_age - bounds.command_age,
         inputs.picture_age - bounds.picture_age,
-        inputs.state_age - bounds.state_age,
+        inputs.state_age - state_age,
         inputs.depth_age - bounds.depth_age,
     )
     facts = {

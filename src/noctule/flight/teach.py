@@ -18,7 +18,7 @@ import numpy as np
 
 from noctule.control.limiter import limit_command
 from noctule.errors import NoctuleError
-from noctule.flight.mission import Mission
+from noctule.flight.mission import Mission, PathPose
 from noctule.flight.path_folder import Shot, save_path
 from noctule.flight.rig import Rig
 from noctule.geometry import Pose, rot_z, wrap_angle
@@ -102,6 +102,12 @@ def _why_not(number: int, goal: Pose, truth: Truth) -> str:
     )
 
 
+def _poses(mission: Mission) -> tuple[PathPose, ...]:
+    assert mission.path is not None
+    assert mission.path.poses is not None
+    return mission.path.poses
+
+
 def _fingerprint(mission: Mission, seed: int) -> str:
     """Return a name for what a taught path depends on, the simulator's own source included."""
     room = mission.room.model_copy(update={"columns": (), "seed": seed})
@@ -110,7 +116,7 @@ def _fingerprint(mission: Mission, seed: int) -> str:
             g.model_dump_json()
             for g in (room, mission.vehicle, mission.camera, mission.start, mission.limits)
         ),
-        json.dumps([mission.path.poses, seed, mission.pilot.features]),
+        json.dumps([_poses(mission), seed, mission.pilot.features]),
     ]
     source = files("noctule.simulation")
     digest = hashlib.sha256("\n".join(parts).encode())
@@ -125,11 +131,10 @@ def take_path(mission: Mission, seed: int, folder: Path) -> Path:
 
     Raises TeachError, PathFolderError.
     """
-    assert mission.path.poses is not None
     room = mission.room.model_copy(update={"columns": (), "seed": seed})
     vehicle = mission.vehicle.model_copy(update={"gusts": 0.0})
     start = mission.start.pose(seed)
-    goals = [Pose(np.array(p[:3]), wrap_angle(float(np.radians(p[3])))) for p in mission.path.poses]
+    goals = [Pose(np.array(p[:3]), wrap_angle(float(np.radians(p[3])))) for p in _poses(mission)]
     with SimulatedWorld(room, vehicle, mission.camera, start, seed) as world, world.vehicle:
         world.camera.open()
         rig = Rig(world.clock, world.vehicle, world.camera, world.referee)

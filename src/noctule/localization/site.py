@@ -21,7 +21,8 @@ from pydantic import Field, model_validator
 from noctule.camera import CEILING_CAMERA, FixedCamera, PinholeCamera
 from noctule.geometry import Array
 from noctule.localization.calibration.lens import Lens, straightener
-from noctule.localization.detector_file import Detectors, load_detectors
+from noctule.localization.detector_file import Detectors, load_detectors, save_detectors
+from noctule.localization.locator import Locator, LocatorSettings
 from noctule.localization.site_files import (
     FORMAT,
     PINHOLE,
@@ -175,6 +176,21 @@ def load_site(folder: Path) -> Site:
     camera = load_camera(folder)
     background = load_background(folder, camera.camera)
     return Site(camera, background, load_detectors(folder, camera.camera), load_template(folder))
+
+
+def locator_of(site: Site, settings: LocatorSettings | None = None, detector: str = "band") -> Locator:
+    """Return the default method with all that a site was taught; it has seen nothing yet."""
+    proposing = site.detectors.named(detector)
+    camera = site.camera
+    return Locator(camera.camera, site.background, site.template, proposing, settings, camera.offset)
+
+
+def save_site(folder: Path, site: Site) -> None:
+    """Write a whole site; raises SiteFileError."""
+    save_camera(folder, site.camera)
+    save_background(folder, site.background, site.camera.camera)
+    save_detectors(folder, site.detectors, site.camera.camera)
+    save_template(folder, site.template)
 
 
 def straightened(frames: Iterable[DepthFrame], camera: SiteCamera) -> Iterator[DepthFrame]:
