@@ -160,7 +160,7 @@ def campaign(monkeypatch, outcomes):
     """Pretend to fly a campaign; returns what it was asked."""
     asked = {}
 
-    def fly_seeds(make_mission, seeds, out, progress, finish):
+    def fly_seeds(make_mission, seeds, out, progress, finish, together, good):
         asked.update(missions=[make_mission(seed) for seed in seeds], seeds=seeds, out=out, finish=finish)
         runs = [
             {"seed": seed, **pretended_summary(outcome, out / f"seed-{seed}" / "flight.mcap")}
@@ -178,7 +178,7 @@ def test_many_seeds_are_0_when_all_reached_and_leave_their_results(noctule, monk
     assert said.code == 0
     assert list(asked["seeds"]) == [3, 4]
     assert asked["out"] == Path("here")
-    assert asked["finish"] is None
+    assert asked["finish"]({"outcome": "reached"}) == {"outcome": "reached", "report": None}
     assert [run["seed"] for run in said.last_json["runs"]] == [3, 4]
     assert said.last_json["summary"]["outcome"] == {"reached": 0.5}
     assert json.loads(Path("here/campaign.json").read_text())["noctule"]["runs"] == said.last_json["runs"]

@@ -89,10 +89,35 @@ COMMANDS = "fly, missions, experiment, report, doctor, teach, locate, identify, 
             "--seed 3 and --seeds 0:2 are both given, expected one; leave one out",
         ),
         (
+            ["experiment", "servo-5.1", "--wrong-model", "0.3"],
+            "--wrong-model does not belong to servo-5.1; leave it out",
+        ),
+        (
+            ["experiment", "loc-fusion", "--hide", "5"],
+            "--hide does not belong to loc-fusion; leave it out",
+        ),
+        (
+            ["experiment", "loc-1", "--laps", "2"],
+            "--laps does not belong to loc-1; leave it out",
+        ),
+        (
+            ["experiment", "loc-1", "--person"],
+            "--person does not belong to loc-1; leave it out",
+        ),
+        (
+            ["experiment", "loc-1", "--wrong-model", "1"],
+            "--wrong-model: input should be less than or equal to 0.9, found 1.0",
+        ),
+        (
+            ["experiment", "loc-3", "--command-delay", "0.35"],
+            "loc-3: vehicle: its commands take effect after 0.35 s, the cascade was shown to be stable up to "
+            "0.30 s; mend the link, or lower K and raise longest_delay_s after trying it in simulation",
+        ),
+        (
             ["experiment", "servo-5"],
             'invalid value "servo-5" for NAME. Choose from: "servo-5.1", "servo-5.2", "servo-5.3", '
-            '"servo-5.3-ff", "loc-detection", "loc-pose", "loc-identification", "loc-fusion". '
-            'Did you mean "servo-5.3"?; '
+            '"servo-5.3-ff", "loc-detection", "loc-pose", "loc-identification", "loc-fusion", '
+            '"loc-1", "loc-2", "loc-3". Did you mean "servo-5.3"?; '
             "see `noctule experiment --help`",
         ),
         (

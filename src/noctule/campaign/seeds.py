@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from noctule.flight import Mission
 
 FlyOne = Callable[["Callable[[int], Mission]", int, Path, "Callable[[Run], Run] | None"], Run]
+Pool = Callable[[Sequence[Run]], dict[str, Any]]
 
 
 class CampaignError(NoctuleError):
@@ -29,6 +30,8 @@ def fly_seeds(
     progress: bool = True,
     finish: Callable[[Run], Run] | None = None,
     fly: FlyOne = fly_one,
+    together: Pool | None = None,
+    good: str = "reached",
 ) -> dict[str, Any]:
     """Fly one mission per seed and return {"runs": [one summary per seed, in order], "summary": pooled}.
 
@@ -48,17 +51,19 @@ def fly_seeds(
         Called in the worker with each summary, returns it completed (writes the report, say).
     fly
         What flies one seed; only tests give another.
+    together
+        Makes of all runs what stands beside them; None for "summary", as `flight.summary.pool` has it.
+    good
+        The outcome that the bar counts.
 
     Raises
     ------
     CampaignError
         When there are no seeds, a seed comes twice, or `jobs` is below 1.
     """
-    from noctule.flight.summary import pool
-
     check_seeds(seeds, jobs)
     runs: dict[int, Run] = {}
-    bar = _Bar(len(seeds)) if progress else None
+    bar = _Bar(len(seeds), good) if progress else None
 
     def note(run: Run) -> None:
         runs[run["seed"]] = run
@@ -77,7 +82,13 @@ def fly_seeds(
         if bar is not None:
             bar.close()
     ordered = [runs[seed] for seed in seeds]
-    return {"runs": ordered, "summary": pool(ordered)}
+    return {"runs": ordered, **(together or _pooled)(ordered)}
+
+
+def _pooled(runs: Sequence[Run]) -> dict[str, Any]:
+    from noctule.flight.summary import pool
+
+    return {"summary": pool(runs)}
 
 
 def check_seeds(seeds: Sequence[int], jobs: int | None) -> None:
@@ -144,7 +155,7 @@ def _round(task: Callable[[int], Any], seeds: list[int], jobs: int, note: Callab
 class _Bar:
     """A progress bar over flights, on stderr."""
 
-    def __init__(self, total: int) -> None:
+    def __init__(self, total: int, good: str) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -156,12 +167,13 @@ class _Bar:
             console=Console(stderr=True),
         )
         self._task = self._progress.add_task("flights", total=total)
-        self._reached = 0
+        self._good, self._reached = good, 0
         self._progress.start()
 
     def advance(self, run: Run) -> None:
-        self._reached += run["outcome"] == "reached"
-        self._progress.update(self._task, advance=1, description=f"flights ({self._reached} reached)")
+        self._reached += run["outcome"] == self._good
+        said = f"flights ({self._reached} {self._good})"
+        self._progress.update(self._task, advance=1, description=said)
 
     def close(self) -> None:
         self._progress.stop()

@@ -17,8 +17,12 @@ Experiment = Literal[
     "loc-pose",
     "loc-identification",
     "loc-fusion",
+    "loc-1",
+    "loc-2",
+    "loc-3",
 ]
 Markers = Literal["truth", "node"]
+Model = Literal["identified", "first_order"]
 
 
 def experiment(
@@ -35,6 +39,13 @@ def experiment(
     poses: int | None = None,
     noise: float | None = None,
     markers: Markers | None = None,
+    alone: Flag = False,
+    hide: float | None = None,
+    model: Model | None = None,
+    wrong_model: float | None = None,
+    command_delay: float | None = None,
+    beyond: Flag = False,
+    seconds: float | None = None,
     seed: Seed = None,
     seeds: str | None = None,
     time_limit: float | None = None,
@@ -51,7 +62,9 @@ def experiment(
         oval of 7.7 m, 30 images. servo-5.3-ff: the same, 35 images, the published law with feed-forward.
         loc-detection: which blob is the drone, beside a person, a box and a tray. loc-pose: how true the
         pose of a single frame is. loc-identification: k1 to k8 and the delay of a simulated vehicle.
-        loc-fusion: yaw and position of every sensor, and of all of them fused.
+        loc-fusion: yaw and position of every sensor, and of all of them fused. loc-1: an ellipse below the
+        ceiling camera, a stop, pushes. loc-2: an eight, a half turn in the stop, pushes. loc-3: an eight,
+        pushes on the way.
     law
         servo: the control law, noctule, or the published one with its errata mended. Left out, noctule.
     attitude_sd
@@ -63,7 +76,7 @@ def experiment(
     columns
         servo-5.3 and -ff: stand a column on each straight of the oval.
     hull
-        loc-detection, loc-pose and loc-fusion: the drone wears its indoor hull.
+        All loc- but loc-identification: the drone wears its indoor hull.
     person
         loc-pose: somebody stands at 0.4 to 0.75 m from the drone. loc-fusion: somebody walks by at 0.6 m.
     poses
@@ -73,6 +86,20 @@ def experiment(
     markers
         loc-fusion: truth, the fused heading is also compared with theirs, or node, they are fused. Left out,
         truth.
+    alone
+        loc-1 to loc-3: nobody walks about.
+    hide
+        loc-1 to loc-3: a board hides the drone for so long, 20 s after the path was begun [s].
+    model
+        loc-1 to loc-3: how the vehicle flies: identified, or first_order. Left out, identified.
+    wrong_model
+        loc-1 to loc-3: each of k1 to k8 that the pilot knows is off by this share, up or down by the seed.
+    command_delay
+        loc-1 to loc-3: from sending a command to its effect; the pilot knows it [s]. Left out, 0.02.
+    beyond
+        loc-1 to loc-3: fly though that delay is longer than was shown stable.
+    seconds
+        loc-1 to loc-3: leave the path after so long [s]. Left out, 82.
     seed
         What this number draws: textures, furniture, columns, start, noise, gusts. Left out, 0.
     seeds
@@ -80,7 +107,7 @@ def experiment(
     time_limit
         servo: stop after this much flight [s].
     report
-        servo: write an HTML report beside the recording.
+        servo, loc-1 to loc-3: write an HTML report beside the recording.
     out
         The folder for recordings, reports and figures; left out, a new one under flights/.
     json
@@ -89,14 +116,31 @@ def experiment(
     from functools import partial
 
     from noctule.cli.flights import Asked, fly_asked, one_seed
+    from noctule.cli.loc_flying import NAMES, fly_loc
     from noctule.cli.measuring import Measurement, measure_asked
-    from noctule.cli.overrides import measured_options, of_experiment, oval_options, refuse_others
+    from noctule.cli.overrides import (
+        measured_options,
+        of_experiment,
+        options_of,
+        oval_options,
+        refuse_others,
+    )
 
     number = one_seed(seed, seeds, 0)
     flown = {"--law": law, "--attitude-sd": attitude_sd, "--time-limit": time_limit}
     oval = {"--laps": laps, "--latency": latency, "--columns": columns or None}
     measured: dict[str, object] = {"hull": hull or None, "person": person or None}
     measured |= {"poses": poses, "noise": noise, "markers": markers}
+    located: dict[str, object] = {"alone": alone or None, "hide": hide, "model": model}
+    located |= {"wrong_model": wrong_model, "command_delay": command_delay, "beyond": beyond or None}
+    located |= {"seconds": seconds}
+    if name in NAMES:
+        from noctule.experiments.loc_flight import LocFlightOptions
+
+        refuse_others(name, {**flown, **oval})
+        wanted = options_of(name, LocFlightOptions(), {**measured, **located})
+        return fly_loc(name, wanted, number, seeds, out, report, json)
+    refuse_others(name, {f"--{option.replace('_', '-')}": value for option, value in located.items()})
     if name.startswith("loc-"):
         refuse_others(name, {**flown, **oval, "--no-report": None if report else True})
         return measure_asked(Measurement(name, measured_options(name, measured), number, seeds, out, json))

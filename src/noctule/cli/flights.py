@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,22 @@ class SeedAndSeedsError(NoctuleError):
     """Both one seed and a range of seeds."""
 
 
+def _as_it_is(summary: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(summary)
+
+
+@dataclass(frozen=True, slots=True)
+class Judging:
+    """How the flights of a kind are judged and told; as it is, those of visual paths."""
+
+    judged: Callable[[Mapping[str, Any]], dict[str, Any]] = _as_it_is  # of a summary; goes to other processes
+    good: str = "reached"  # the outcome of a flight that did what it was to do
+    pooled: Callable[[Sequence[dict[str, Any]]], dict[str, Any]] | None = None
+    flight_text: Callable[[Mapping[str, Any]], str] = flight_text
+    campaign_text: Callable[[Mapping[str, Any]], str] = campaign_text
+    campaign_report: bool = True  # there is one for flights of this kind
+
+
 @dataclass(frozen=True, slots=True)
 class Asked:
     """What the command line says about the flights."""
@@ -35,10 +52,11 @@ class Asked:
     out: Path | None
     report: bool
     json: bool
+    judging: Judging = field(default_factory=Judging)
 
 
 def fly_asked(asked: Asked) -> int:
-    """Fly, tell, and return the exit code: 0 if and only if every flight reached its end."""
+    """Fly, tell, and return the exit code: 0 if and only if every flight had the good outcome."""
     return _fly_one(asked) if asked.seeds is None else _fly_many(asked, read_seeds(asked.seeds))
 
 
@@ -55,9 +73,10 @@ def _fly_one(asked: Asked) -> int:
         if asked.json:
             print(as_json({"outcome": "aborted", **_what_was_written(folder), "error": str(error)}))
         return 130 if isinstance(error, Aborted) else 1
-    summary = with_report(summary) if asked.report else {**summary, "report": None}
-    print(as_json(summary) if asked.json else flight_text(summary))
-    return 0 if summary["outcome"] == "reached" else 1
+    judging = asked.judging
+    summary = finished(judging.judged, asked.report, summary)
+    print(as_json(summary) if asked.json else judging.flight_text(summary))
+    return 0 if summary["outcome"] == judging.good else 1
 
 
 def _what_was_written(folder: Path) -> dict[str, Any]:
@@ -74,16 +93,33 @@ def _fly_many(asked: Asked, seeds: range) -> int:
 
     from noctule.campaign import fly_seeds
 
-    finish = with_report if asked.report else None
-    results = fly_seeds(asked.make_mission, seeds, folder, progress=sys.stderr.isatty(), finish=finish)
-    (folder / RESULTS).write_text(as_json({first.pilot.law: results}) + "\n", encoding="utf-8")
-    if asked.report:
+    judging = asked.judging
+    results = fly_seeds(
+        asked.make_mission,
+        seeds,
+        folder,
+        progress=sys.stderr.isatty(),
+        finish=partial(finished, judging.judged, asked.report),
+        together=judging.pooled,
+        good=judging.good,
+    )
+    kind = first.pilot.law if judging.campaign_report else asked.name
+    (folder / RESULTS).write_text(as_json({kind: results}) + "\n", encoding="utf-8")
+    if asked.report and judging.campaign_report:
         from noctule.reports import write_campaign_report
 
-        laws: dict[str, Any] = {first.pilot.law: results}
+        laws: dict[str, Any] = {kind: results}
         results["summary"]["report"] = _or_say_why(lambda: write_campaign_report(laws, folder / "report"))
-    print(as_json(results) if asked.json else campaign_text(results))
-    return 0 if all(run["outcome"] == "reached" for run in results["runs"]) else 1
+    print(as_json(results) if asked.json else judging.campaign_text(results))
+    return 0 if all(run["outcome"] == judging.good for run in results["runs"]) else 1
+
+
+def finished(
+    judged: Callable[[Mapping[str, Any]], dict[str, Any]], report: bool, summary: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the summary judged, with the report of the flight written if it is wanted."""
+    told = judged(summary)
+    return with_report(told) if report else {**told, "report": None}
 
 
 def with_report(summary: Mapping[str, Any]) -> dict[str, Any]:

@@ -141,10 +141,15 @@ def measured_options(name: str, given: Mapping[str, object]) -> Settings:
     """
     from noctule.experiments.measured import MEASURED
 
-    options = MEASURED[name].options()
+    return options_of(name, MEASURED[name].options(), given)
+
+
+def options_of(name: str, options: Group, given: Mapping[str, object]) -> Group:
+    """Return `options` with what is given (is not None) put in its place; raises as `measured_options`."""
     known = type(options).model_fields
-    refuse_others(name, {f"--{option}": value for option, value in given.items() if option not in known})
+    flags = {option: f"--{option.replace('_', '-')}" for option in given}
+    refuse_others(name, {flags[option]: value for option, value in given.items() if option not in known})
     for option, value in given.items():
         if value is not None:
-            options = _with(options, f"--{option}", **{option: value})
+            options = _with(options, flags[option], **{option: value})
     return options

@@ -74,7 +74,8 @@ class OvalExperiment(Experiment):
         `options.latency_s` delays the pictures; the pilot knows by how much.
         """
         mission = Experiment.mission(self, seed, law, attitude_sd_deg)
-        room, pilot, flight = mission.room, mission.pilot, mission.flight
+        room, path, pilot, flight = mission.room, mission.path, mission.pilot, mission.flight
+        assert path is not None  # the key images drawn above
         corner = (0.5 * STRAIGHT - 0.5 * room.size[0], RADIUS - 0.5 * room.size[1])
         clear = KeepClear(
             x_min=-RADIUS - _ROOM_TO_PASS,
@@ -91,7 +92,7 @@ class OvalExperiment(Experiment):
             update={
                 "room": room,
                 "pilot": pilot.model_copy(update={"picture_latency_s": late}),
-                "path": mission.path.model_copy(update={"laps": options.laps, "curve": CURVE}),
+                "path": path.model_copy(update={"laps": options.laps, "curve": CURVE}),
                 "camera": mission.camera.model_copy(update={"latency": late}),
                 "flight": flight.model_copy(update={"time_limit_s": _LIMIT_PER_LAP * options.laps}),
             }
