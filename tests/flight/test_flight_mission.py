@@ -143,7 +143,9 @@ def test_what_may_be_a_number_or_a_list_is_told_once():
 
 
 def test_a_missing_group_is_told():
-    assert mistakes("name = 'x'\n") == "my.toml: path is missing; expected a table"
+    assert mistakes("name = 'x'\n") == (
+        "my.toml: there is nothing to fly: give a path, a space_path, or both"
+    )
 
 
 def test_text_that_is_not_toml_is_told_with_its_line():

@@ -1,4 +1,4 @@
-"""The simulated laboratory with its ceiling camera, taught, for one seed, and every method on blobs with it."""
+"""The simulated laboratory with its ceiling camera, taught, and every method on blobs with it."""
 
 from __future__ import annotations
 

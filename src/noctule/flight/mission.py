@@ -94,11 +94,9 @@ class Mission(Settings):
             raise ValueError("there is nothing to fly: give a path, a space_path, or both")
         for name in _OF_LOCATED if self.space_path is None else ():
             if getattr(self, name) != type(self).model_fields[name].default:
-                raise ValueError(
-                    f"{name} belongs to a space_path, and there is none; give one or leave it out"
-                )
+                raise ValueError(f"{name} belongs to a space_path; give one or leave it out")
         if self.path is None and self.handover != HandoverSettings():
-            raise ValueError("handover is to a visual path, and there is none; give a path or leave it out")
+            raise ValueError("handover is to a visual path; give a path or leave it out")
         return self
 
     @property

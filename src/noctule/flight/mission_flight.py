@@ -89,7 +89,7 @@ def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
     )
     recording, kept = out / "flight.mcap", mission.recording
     with (
-        _world(mission, located, visual) as (world, rig),
+        _world(mission, located, visual) as rig,
         FlightRecorder(
             set_aside(recording), lossless=kept.lossless, jpeg_quality=kept.jpeg_quality, depth=kept.depth
         ) as recorder,
@@ -130,8 +130,8 @@ def _attached(located: LocatedFlight | None, visual: VisualFlight | None) -> dic
 @contextmanager
 def _world(
     mission: Mission, located: LocatedFlight | None, visual: VisualFlight | None
-) -> Iterator[tuple[SimulatedWorld, Rig]]:
-    """Give the room with the vehicle in it, and its cameras open; a visual path of another room is refused."""
+) -> Iterator[Rig]:
+    """Give the room with the vehicle in it, its cameras open; a visual path of another room is refused."""
     seed = mission.flight.seed
     start = mission.start.pose(seed)
     with (
@@ -157,7 +157,7 @@ def _world(
         if world.ceiling is not None:
             world.ceiling.open()
         camera = None if visual is None else world.camera
-        yield world, Rig(world.clock, world.vehicle, camera, world.referee, world.ceiling)
+        yield Rig(world.clock, world.vehicle, camera, world.referee, world.ceiling)
 
 
 @contextmanager

@@ -97,7 +97,7 @@ def reference_of(mission: Mission, truth: Sequence[Pose]) -> Reference | None:
 
     The mission's curve, or straight lines from the start through those poses; None where nobody knows them.
     """
-    if not truth or mission.path is None:
+    if not truth or mission.path is None or mission.space_path is not None:
         return None
     start, images = mission.start.nominal, len(truth) // mission.path.laps
     if mission.path.curve is not None:

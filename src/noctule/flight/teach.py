@@ -132,7 +132,8 @@ def take_path(mission: Mission, seed: int, folder: Path) -> Path:
     Raises TeachError, PathFolderError.
     """
     room = mission.room.model_copy(update={"columns": (), "seed": seed})
-    vehicle = mission.vehicle.model_copy(update={"gusts": 0.0})
+    # Whoever teaches flies well, whatever the vehicle itself measures.
+    vehicle = mission.vehicle.model_copy(update={"gusts": 0.0, "pushes": (), "navdata": None})
     start = mission.start.pose(seed)
     goals = [Pose(np.array(p[:3]), wrap_angle(float(np.radians(p[3])))) for p in _poses(mission)]
     with SimulatedWorld(room, vehicle, mission.camera, start, seed) as world, world.vehicle:

@@ -186,7 +186,7 @@ def teach_by_hand(
     """
     refuse_existing(folder)
     room = mission.room.model_copy(update={"columns": (), "seed": seed})
-    vehicle = mission.vehicle.model_copy(update={"gusts": 0.0})
+    vehicle = mission.vehicle.model_copy(update={"gusts": 0.0, "pushes": (), "navdata": None})
     camera = mission.camera.model_copy(update={"rate": min(mission.camera.rate, PICTURES)})
     kind, dt = mission.pilot.features, 1.0 / mission.flight.rate_hz
     with SimulatedWorld(room, vehicle, camera, mission.start.pose(seed), seed) as world, world.vehicle:
