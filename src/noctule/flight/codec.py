@@ -144,7 +144,7 @@ def encode_decision(stamp: float, decision: Decision, tick_ms: float) -> Any:
         outcome="" if decision.outcome is None else str(decision.outcome),
         reason=decision.reason,
         tick_ms=tick_ms,
-        whereabouts=None if decision.whereabouts is None else _encode_whereabouts(decision.whereabouts),
+        whereabouts=None if decision.whereabouts is None else encode_whereabouts(decision.whereabouts),
     )
 
 
@@ -177,7 +177,8 @@ def decode_decision(message: Any) -> Decision:
     )
 
 
-def _encode_whereabouts(known: Whereabouts) -> Any:
+def encode_whereabouts(known: Whereabouts) -> Any:
+    """Return pb.Whereabouts."""
     m = known.measured
     return pb.Whereabouts(
         stamp=known.stamp,

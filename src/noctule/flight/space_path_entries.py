@@ -52,7 +52,9 @@ class SegmentEntry(Settings):
         for name in _NEEDED[self.kind]:
             if getattr(self, name) is None:
                 raise ValueError(f"{name} is missing; {_a(self.kind)} needs {', '.join(_NEEDED[self.kind])}")
-        for name in sorted(self.model_fields_set - {"kind", "cruise", *_ALLOWED[self.kind]}):
+        # A recording's mission holds every field, those left out as None.
+        given = {name for name in self.model_fields_set if getattr(self, name) is not None}
+        for name in sorted(given - {"kind", "cruise", *_ALLOWED[self.kind]}):
             raise ValueError(
                 f"{name} means nothing to {_a(self.kind)}; it takes {', '.join(_ALLOWED[self.kind])}, cruise"
             )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from noctule.geometry import Array
 from noctule.messages import ColumnBox, Limits
+from noctule.reports.located_log import LocatedLog
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,7 @@ class TruthLog:
     speed: Array  # (m,) [m/s]
     clearance: Array  # (m,) [m], hull surface to the nearest surface; negative inside
     contacts: tuple[str, ...] = ()  # names of all that was touched
+    velocity: Array = field(default_factory=lambda: np.empty((0, 3)))  # (m, 3) [m/s], world; or empty
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +87,17 @@ class FlightLog:
     about: dict[str, str] = field(default_factory=dict)  # mission, law, seed, versions, ...
     mission_text: str = ""  # the mission file as it was flown
     notes: tuple[str, ...] = ()  # what is missing from the recording, and why
+    located: LocatedLog | None = None  # of a pilot that knows where it is
 
     @property
     def span(self) -> tuple[float, float]:
         """First and last tick [s]."""
         return (float(self.times[0]), float(self.times[-1])) if len(self.times) else (0.0, 0.0)
+
+    @property
+    def by_pictures(self) -> bool:
+        """Whether points of key images were tracked."""
+        return bool(np.isfinite(self.epsilon).any())
 
     @property
     def switches(self) -> Array:

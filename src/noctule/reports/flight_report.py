@@ -2,97 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
-
 from noctule.errors import NoctuleError
 from noctule.reports import page as html
+from noctule.reports.figure_plans import plans_of
 from noctule.reports.flight_log import FlightLog
 from noctule.reports.loading import load_flight_log
 from noctule.reports.page import Drawing
 from noctule.reports.progress import with_progress
-from noctule.reports.series import (
-    clearance_figure,
-    errors_figure,
-    tasks_figure,
-    ticks_figure,
-    velocities_figure,
-)
-from noctule.reports.strip import strip_figure
 from noctule.reports.style import encode_png, house_style
-from noctule.reports.summary import Row, flight_rows, in_words, number
-from noctule.reports.views import views_figure
+from noctule.reports.summary import Row, flight_rows, in_words, in_words_located, number
 
 PAGE = "report.html"
-_NO_TRUTH = "There is no truth in this recording (a real drone has none), so this is left out."
 
 
 class ReportWriteError(NoctuleError):
     """The folder of the report cannot be written."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    name: str
-    title: str
-    caption: str
-    draw: Callable[[FlightLog], Figure | None]
-    missing: str = ""
-    photograph: bool = False
-
-
-_PLANS = (
-    _Plan(
-        "camera", "What the camera saw",
-        "Pictures over the flight. Red crosses are the tracked points, green circles where the key image has "
-        "them; at the target they meet. Yellow boxes are columns that were seen.",
-        strip_figure, "There are no pictures in this recording.", photograph=True,
-    ),
-    _Plan(
-        "views", "Where it flew",
-        "The room to scale, from above and from the side, with the true trajectory coloured by speed. Arrows "
-        "are the key images, grey is furniture (in the side view it stands beside the path), columns have "
-        "their own colour.",
-        views_figure, _NO_TRUTH,
-    ),
-    _Plan(
-        "errors", "Errors",
-        "The mean distance of the tracked points to their references, and the servoing error, whose descent "
-        "the law asks for. Each new target image starts both afresh.",
-        errors_figure,
-    ),
-    _Plan(
-        "velocities", "Velocities and activations",
-        "What was sent to the drone (solid) and what the pilot asked (dashed, seen only where the supervisor "
-        "bounded it), how far each task of the hierarchy was switched on, and the step of the command from "
-        "tick to tick as a share of what the acceleration limit allows.",
-        velocities_figure,
-    ),
-    _Plan(
-        "tasks", "Errors of the tasks", "The norm of the error of each task of the hierarchy.",
-        tasks_figure, "This recording holds no errors of tasks.",
-    ),
-    _Plan(
-        "clearance", "Clearance",
-        "From the surface of the hull to the nearest surface of a column, furniture or person, by a "
-        "collision check on the true pose.",
-        clearance_figure, _NO_TRUTH,
-    ),
-    _Plan(
-        "ticks", "Time of a tick", "How long the pilot took from a picture to a command.",
-        ticks_figure, "This recording holds no times of ticks.",
-    ),
-)  # fmt: skip
-
-
 def draw_figures(log: FlightLog) -> list[Drawing]:
     """Return every figure of a flight as PNG, in the order of the page; what cannot be drawn says why."""
     drawings = []
-    for plan in with_progress(_PLANS, "drawing"):
+    for plan in with_progress(plans_of(log), "drawing"):
         with house_style():
             figure = plan.draw(log)
             png = None if figure is None else encode_png(figure)
@@ -117,7 +50,8 @@ def flight_page(log: FlightLog, drawings: list[Drawing]) -> str:
         parts.append(
             html.section("Mission", text, "The file as it was given; law and seed above are what was flown.")
         )
-    words = in_words(summary, log.span[1] - log.span[0])
+    tell = in_words_located if log.located is not None and not log.by_pictures else in_words
+    words = tell(summary, log.span[1] - log.span[0])
     return html.page(
         title=f"{mission}: {outcome or 'no outcome'} - Noctule",
         eyebrow=_eyebrow(about),
@@ -137,13 +71,22 @@ def _eyebrow(about: dict[str, str]) -> str:
 def _tiles(summary: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the figures that a reader looks for first; what was not measured gets no tile."""
     asked = (
-        ("duration_s", "s", "duration"),
-        ("position_error_m", "m", "position error"),
-        ("yaw_error_deg", "°", "heading error"),
-        ("min_clearance_m", "m", "least clearance"),
-        ("epsilon_px", "px", "points at the end"),
+        ("duration_s", "s", "duration", 1.0),
+        ("cross_track_mean_m", "mm", "from the path, mean", 1e3),
+        ("hover_rms_m", "mm", "from the held point, rms", 1e3),
+        ("position_rms_m", "mm", "error of the estimate, rms", 1e3),
+        ("heading_p95_deg", "°", "heading error, 95 %", 1.0),
+        ("position_error_m", "m", "position error", 1.0),
+        ("yaw_error_deg", "°", "heading error", 1.0),
+        ("min_clearance_m", "m", "least clearance", 1.0),
+        ("epsilon_px", "px", "points at the end", 1.0),
     )
-    return [(number(summary[k], unit), words) for k, unit, words in asked if summary.get(k) is not None]
+    known = [row for row in asked if summary.get(row[0]) is not None]
+    # Of flights by pictures the end says most, of others the way there.
+    located = summary.get("cross_track_p95_m") is not None
+    least = ("position_error_m", "yaw_error_deg") if located else ("cross_track_mean_m",)
+    known = [row for row in known if row[0] not in least]
+    return [(number(scale * summary[k], unit), words) for k, unit, words, scale in known]
 
 
 def write_flight(log: FlightLog, out: Path) -> Path:

@@ -13,6 +13,7 @@ from noctule.flight.reader import Recording, Tick, decode_picture, read_recordin
 from noctule.flight.summary import summary_of
 from noctule.geometry import Array
 from noctule.reports.flight_log import FlightLog, Snapshot, TruthLog
+from noctule.reports.located_loading import located_log
 from noctule.reports.scene import read_scene
 
 PICTURES = 6
@@ -64,6 +65,7 @@ def flight_log(recording: Recording, pictures: int = PICTURES) -> FlightLog:
         truth=truth,
         tick_s=float(np.median(np.diff(times))) if len(times) > 1 else 1.0 / 30.0,
         snapshots=_snapshots(flown, times, pictures),
+        located=located_log(flown, start, scene.located),
         **scene.drawn(),
     )
     return replace(
@@ -101,6 +103,7 @@ def _truth(flown: Sequence[Tick], start: float) -> TruthLog | None:
         speed=np.array([float(np.linalg.norm(truth.v_world)) for truth in known]),
         clearance=np.array([truth.clearance for truth in known]),
         contacts=tuple(contacts),
+        velocity=np.array([truth.v_world for truth in known]),
     )
 
 

@@ -37,7 +37,7 @@ def note(text: str) -> str:
 
 def badge(outcome: str) -> str:
     """Return the outcome as a coloured word."""
-    mood = "good" if outcome == "reached" else "bad" if outcome else ""
+    mood = "good" if outcome in ("reached", "completed") else "bad" if outcome else ""
     return f'<span class="badge {mood}">{escape(outcome or "no outcome")}</span>'
 
 

@@ -15,6 +15,7 @@ from noctule.geometry import Array
 from noctule.messages import Limits
 from noctule.pilots.perception import safety_box
 from noctule.reports.flight_log import Hull, Solid
+from noctule.reports.located_scene import LocatedScene, located_scene
 from noctule.simulation.layout import draw_layout, room_layout
 from noctule.simulation.spec import RoomSpec
 
@@ -33,6 +34,7 @@ class Scene:
     epsilon_limit: float | None = None
     safety_area: tuple[float, float, float, float] | None = None
     notes: tuple[str, ...] = ()
+    located: LocatedScene = field(default_factory=LocatedScene)
 
     def drawn(self) -> dict[str, Any]:
         """Return the fields that a FlightLog has under the same names."""
@@ -79,6 +81,7 @@ def read_scene(recording: Recording) -> Scene:
         hull=Hull(vehicle.hull_diameter / 2.0, vehicle.hull_height),
         epsilon_limit=pilot.published.epsilon_last_px if pilot.law == "published" else None,
         safety_area=(box.left, box.top, box.right, box.bottom),
+        located=located_scene(mission),
     )
 
 

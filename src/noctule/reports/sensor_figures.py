@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from noctule.estimation.sensor_calibration import HeadingErrors, heading_table
-from noctule.geometry import Array
 from noctule.reports.flight_report import write_files
+from noctule.reports.headings import turning
 from noctule.reports.style import (
     FORWARD,
     INK,
@@ -51,9 +51,9 @@ def flight_figure(headings: Mapping[str, HeadingErrors]) -> Figure:
     shown = next(iter(headings.values()))
     for name, errors in headings.items():
         said = errors.reference + errors.before
-        axes[0].plot(*_turning(errors.stamps, said), color=_COLOURS[name], lw=0.8, alpha=0.8, label=name)
+        axes[0].plot(*turning(errors.stamps, said), color=_COLOURS[name], lw=0.8, alpha=0.8, label=name)
     dashes: Any = (0, (4, 3))
-    axes[0].plot(*_turning(shown.stamps, shown.reference), color=INK, lw=1.1, ls=dashes, label="reference")
+    axes[0].plot(*turning(shown.stamps, shown.reference), color=INK, lw=1.1, ls=dashes, label="reference")
     axes[0].set_ylabel("heading\n[deg]")
     axes[0].set_ylim(0.0, 360.0)
     axes[0].set_yticks(range(0, 361, 90))
@@ -119,10 +119,3 @@ def _draw_errors(axis: Axes, name: str, errors: HeadingErrors) -> None:
 
 def _order(errors: HeadingErrors) -> int:
     return len(errors.correction.cosines)
-
-
-def _turning(stamps: Array, yaw: Array) -> tuple[Array, Array]:
-    """Return stamps and headings [deg] from 0 to 360, the line broken where they start anew."""
-    turned = np.degrees(np.mod(yaw, 2.0 * math.pi))
-    jumps = np.flatnonzero(np.abs(np.diff(turned)) > 180.0) + 1
-    return np.insert(stamps, jumps, np.nan), np.insert(turned, jumps, np.nan)

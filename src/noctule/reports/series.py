@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from noctule.geometry import Array
 from noctule.reports.flight_log import FlightLog
+from noctule.reports.located_marks import mark_stops_and_pushes
 from noctule.reports.style import (
     AVOIDING,
     AXIS_COLOURS,
@@ -80,8 +81,10 @@ def errors_figure(log: FlightLog) -> Figure:
 
 def velocities_figure(log: FlightLog) -> Figure:
     """Figures 10 and 15 of the paper: commands, activations, the step of the command and its limit."""
-    figure, axes = time_panels((2.2, 1.4, 1.4, 1.4), log.span)
-    linear, yaw, activation, step = axes
+    # A pilot that is located has no tasks to switch on.
+    tasks = bool(log.activations) or log.located is None
+    figure, axes = time_panels((2.2, 1.4, 1.4, 1.4) if tasks else (2.2, 1.4, 1.4), log.span)
+    linear, yaw, step = axes[0], axes[1], axes[-1]
     names = ("forward", "left", "up", "yaw rate")
     for i, axis in ((0, linear), (1, linear), (2, linear), (3, yaw)):
         axis.plot(log.times, log.sent[:, i], color=AXIS_COLOURS[i], label=names[i])
@@ -96,9 +99,12 @@ def velocities_figure(log: FlightLog) -> Figure:
         axis.plot([], [], color=WARN, lw=0.9, ls=":", label="speed limit")
     linear.set(ylabel="velocity [m/s]", title="Command sent (heading frame)")
     yaw.set(ylabel="yaw rate [rad/s]")
-    draw_activations(activation, log)
+    if tasks:
+        draw_activations(axes[2], log)
     draw_steps(step, log)
     mark_events(axes, log)
+    if log.located is not None:
+        mark_stops_and_pushes(axes, log.located)
     for axis in axes:
         key(axis)
     return figure

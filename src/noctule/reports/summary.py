@@ -16,7 +16,7 @@ class Row:
     value: str
 
 
-_DIGITS = {"m": 3, "°": 2, "px": 1, "s": 1, "ms": 2, "cm": 1, "m/s": 3, "rad/s": 3, "x": 1}
+_DIGITS = {"m": 3, "°": 2, "px": 1, "s": 1, "mm": 1, "ms": 2, "cm": 1, "m/s": 3, "rad/s": 3, "x": 1}
 # Key of the summary, or path of keys, then label and unit: the order of the table.
 _KNOWN: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("duration_s",), "Duration, from the first tick in hover", "s"),
@@ -35,9 +35,24 @@ _OF_THE_PATH = (
     ("cross_track_max_m", "Largest distance from the path"),
     ("cross_track_mean_m", "Mean distance from the path"),
 )
-_NOT_FIGURES = {"outcome", "reason", "recording", "report", "seed", "law", "mission", "laps"} | {
-    key for key, _ in _OF_THE_PATH
-}
+# Of flights whose pilot knows where it is: key, label, unit, how many of it are one of the summary's.
+_OF_THE_LOCATED: tuple[tuple[tuple[str, ...], str, str, float], ...] = (
+    (("cross_track_p95_m",), "Distance from the path, 95th percentile", "mm", 1e3),
+    (("hover_rms_m",), "Distance from the held point, root mean square", "mm", 1e3),
+    (("heading_p95_deg",), "Heading error, 95th percentile", "°", 1.0),
+    (("recovery_s", "mean"), "Time to come back after a push, mean", "s", 1.0),
+    (("recovery_s", "max"), "Time to come back after a push, most", "s", 1.0),
+    (("position_rms_m",), "Error of the fused position, root mean square", "mm", 1e3),
+    (("position_p95_m",), "Error of the fused position, 95th percentile", "mm", 1e3),
+    (("yaw_mean_deg",), "Error of the fused heading, mean", "°", 1.0),
+    (("yaw_sd_deg",), "Error of the fused heading, standard deviation", "°", 1.0),
+    (("lost_s",), "Time without a trusted estimate", "s", 1.0),
+)
+_NOT_FIGURES = (
+    {"outcome", "reason", "recording", "report", "seed", "law", "mission", "laps"}
+    | {key for key, _ in _OF_THE_PATH}
+    | {path[0] for path, *_ in _OF_THE_LOCATED}
+)
 
 
 def number(value: float | None, unit: str, missing: str = "not available") -> str:
@@ -60,11 +75,16 @@ def find(summary: Mapping[str, Any], path: tuple[str, ...]) -> Any:
 
 def flight_rows(summary: Mapping[str, Any]) -> list[Row]:
     """Return the table of a flight: the figures that every flight reports, then whatever else it holds."""
-    rows = [Row(label, number(find(summary, path), unit)) for path, label, unit in _KNOWN]
+    # A pilot that knows where it is has no points to look at.
+    blind = "cross_track_p95_m" in summary and summary.get("epsilon_px") is None
+    shown = [row for row in _KNOWN if not (blind and row[0] == ("epsilon_px",))]
+    rows = [Row(label, number(find(summary, path), unit)) for path, label, unit in shown]
     known = {path[0] for path, _, _ in _KNOWN} | _NOT_FIGURES
     rows += [
         Row(label, number(summary[key], "m")) for key, label in _OF_THE_PATH if summary.get(key) is not None
     ]
+    found = ((label, find(summary, path), unit, scale) for path, label, unit, scale in _OF_THE_LOCATED)
+    rows += [Row(label, number(scale * v, unit)) for label, v, unit, scale in found if v is not None]
     rows += [Row(key.replace("_", " "), _plain(value)) for key, value in summary.items() if key not in known]
     laps = summary.get("laps") or ()
     # Of a single lap all is said above.
@@ -102,6 +122,27 @@ def in_words(summary: Mapping[str, Any], recorded_s: float) -> str:
     unknown = f"The recording ends after {recorded_s:.1f} s, and no outcome was written to it."
     unknown = f"The recording ends after {recorded_s:.1f} s, and no outcome was written to it."
     return sentences.get(str(outcome), unknown)
+
+
+def in_words_located(summary: Mapping[str, Any], recorded_s: float) -> str:
+    """Return what `in_words` does, of a flight whose pilot knows where it is."""
+    duration = number(_finite(summary.get("duration_s"), recorded_s), "s")
+    reason = str(summary.get("reason") or "").rstrip(".")
+    because = f": {reason}." if reason else "."
+    if summary.get("outcome") in ("reached", "completed"):
+        mean = _finite(summary.get("cross_track_mean_m"), math.nan)
+        near = f", {number(1e3 * mean, 'mm')} from it on average" if math.isfinite(mean) else ""
+        return f"The drone flew its path to the end in {duration}{near}."
+    lost = f"The drone no longer knew where it was and landed after {duration}{because}"
+    sentences = {
+        "lost": lost,
+        "landed_lost": lost,
+        "contact": f"The drone touched something after {duration}{because}",
+        "fence": f"The drone left its fence within {duration}{because}",
+        "diverged": f"The drone went astray within {duration}{because}",
+        "stuck": f"The drone had not flown its path to the end after {duration}{because}",
+    }
+    return sentences.get(str(summary.get("outcome"))) or in_words(summary, recorded_s)
 
 
 def _finite(value: Any, instead: float) -> float:
