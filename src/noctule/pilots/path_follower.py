@@ -101,6 +101,11 @@ class PathFollower:
         """Whether the path has been flown, and the way back where it was asked for."""
         return self._phase is FollowPhase.HOLD
 
+    @property
+    def push(self) -> Array:
+        """What acts on the vehicle beside its commands, as a command (4,): trim, draught, a wrong model."""
+        return self._memory.push
+
     def forget(self) -> None:
         """Drop what was learnt and held by an estimate that has turned out wrong."""
         self._memory.forget()

@@ -9,10 +9,11 @@ from typing import Protocol
 import numpy as np
 
 from noctule.estimation.filter_state import StateEstimate
+from noctule.geometry import Array
 from noctule.localization.fusion import Fusion
 from noctule.localization.located import Located
 from noctule.localization.tracker import Prediction
-from noctule.messages import Command, DepthFrame, Observation, PoseMeasurement
+from noctule.messages import DepthFrame, Observation, PoseMeasurement
 from noctule.pilots.doubt import Facts
 
 _NO_FRAME = "no picture of it comes"
@@ -45,12 +46,12 @@ class Senses:
     _last: float = math.nan  # [s], the last tick
     _turns: int = 0
 
-    def observe(self, observation: Observation, sent: Command) -> None:
-        """Take in a tick; `sent` is what was sent at the last one."""
+    def observe(self, observation: Observation, acted: Array) -> None:
+        """Take in a tick; `acted` (4,) is the command that acts since the last one, with any push."""
         now, state, depth = observation.stamp, observation.state, observation.depth
         self.measured, self.why_unseen, self._jump, self.turned = None, "", 0.0, False
         if not math.isnan(self._last):
-            self.fusion.command(self._last, sent.as_array())
+            self.fusion.command(self._last, acted)
         self._last = now
         if state.stamp > self._reported:
             self._reported = state.stamp
