@@ -103,7 +103,7 @@ def _fly_many(asked: Asked, seeds: range) -> int:
         together=judging.pooled,
         good=judging.good,
     )
-    kind = first.pilot.law if judging.campaign_report else asked.name
+    kind = first.law if judging.campaign_report else asked.name
     (folder / RESULTS).write_text(as_json({kind: results}) + "\n", encoding="utf-8")
     if asked.report and judging.campaign_report:
         from noctule.reports import write_campaign_report

@@ -38,8 +38,13 @@ def changed(
     Raises
     ------
     OptionValueError
-        When a value is out of the mission's range.
+        When a value is out of the mission's range, or the mission has nothing that it is about.
     """
+    for option, value in (("--law", law), ("--attitude-sd", attitude_sd_deg)):
+        if value is not None and mission.path is None:
+            raise OptionValueError(
+                f"{option} is of flights along a visual path, and {mission.name} has none; leave it out"
+            )
     pilot, vehicle, camera, flight = mission.pilot, mission.vehicle, mission.camera, mission.flight
     if law is not None:
         pilot = _with(pilot, "--law", law=law)

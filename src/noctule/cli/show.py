@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from noctule.reports.summary import find, flight_rows, in_words, number
+from noctule.reports.summary import find, flight_rows, in_words, in_words_located, number
 
 _COLUMNS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("duration", ("duration_s",), "s"),
@@ -34,7 +34,9 @@ def _plain(value: Any) -> Any:
 
 def flight_text(summary: Mapping[str, Any]) -> str:
     """Return the outcome of one flight, its figures, and where its recording and report are."""
-    lines = [f"outcome: {summary['outcome']}", in_words(summary, 0.0), ""]
+    # Only a pilot that knows where it is can be lost for some time.
+    words = in_words_located if "lost_s" in summary else in_words
+    lines = [f"outcome: {summary['outcome']}", words(summary, 0.0), ""]
     rows = flight_rows(summary)
     width = max(len(row.label) for row in rows)
     lines += [f"  {row.label:<{width}}  {row.value}" for row in rows]

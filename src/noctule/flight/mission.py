@@ -105,6 +105,11 @@ class Mission(Settings):
         return self._text
 
     @property
+    def law(self) -> str:
+        """What it is flown by: the law of its visual path, or "located" where there is none."""
+        return "located" if self.path is None else self.pilot.law
+
+    @property
     def bounds(self) -> Bounds:
         """What the supervisor holds the flight to."""
         return Bounds(
@@ -120,10 +125,14 @@ class Mission(Settings):
         """What a located pilot knows of the vehicle: the given model, or that of the simulated one."""
         return model_of(self.vehicle) if self.vehicle_model is None else self.vehicle_model
 
-    def space_plan(self) -> PathPlan:
-        """Return what is to be flown in space; the mission has a space_path. Raises SpacePathFileError."""
+    def space_plan(self, name: str | None = None) -> PathPlan:
+        """Return what is to be flown in space; the mission has a space_path, and is called `name` in errors.
+
+        Raises SpacePathFileError.
+        """
         assert self.space_path is not None
-        return self.space_path.plan(self.limits.values(), f"mission {self.name}", key_lines(self._text))
+        name = f"mission {self.name}" if name is None else name
+        return self.space_path.plan(self.limits.values(), name, key_lines(self._text))
 
 
 def parse_mission(text: str, name: str, base: Path | None = None) -> Mission:
@@ -173,7 +182,7 @@ def check_flyable(mission: Mission, name: str) -> PathPlan:
     MissionFileError
         When it leaves the fence, never ends, or the vehicle answers too late.
     """
-    plan = mission.space_plan()
+    plan = mission.space_plan(name)
     fence = mission.fence.values(mission.room)
     position = plan.path.position
     outside = ((position < np.array(fence.low)) | (position > np.array(fence.high))).any(axis=1)

@@ -219,7 +219,7 @@ def _note_beginning(
         "flight",
         {
             "mission": mission.name,
-            "law": mission.pilot.law if mission.path is not None else "located",
+            "law": mission.law,
             "seed": str(mission.flight.seed),
             "lossless": json.dumps(mission.recording.lossless),
             "simulated": "true",

@@ -39,7 +39,7 @@ class SpacePathSettings(SpacePathEntries):
             if getattr(self, name) != type(self).model_fields[name].default
         )
         if self.file is not None and given:
-            raise ValueError(f"{', '.join(given)} belong into the file {self.file}; leave them out here")
+            raise ValueError(f"the file {self.file} says all of it; leave {', '.join(given)} out here")
         return self
 
     def read(self, base: Path | None) -> SpacePathSettings:
