@@ -201,7 +201,7 @@ def heading_figure(log: FlightLog) -> Figure | None:
         shown = np.where(located.on_path & ~located.disturbed, off, np.nan)
         bottom.plot(located.at, shown, color=INK, lw=1.2, label="on the path")
         bottom.axhline(p95, color=INK, ls=":", lw=1.2, label=f"95 %: {p95:.2f} deg")
-        bottom.set_ylim(0.0, max(1.4 * p95, 1.05 * float(counted.max())))
+        bottom.set_ylim(0.0, max(1.4 * p95, 1.05 * float(counted.max()), 0.1))
     bottom.set(ylabel="off by [deg]", title=f"How far the heading was off, {_kind(located)} from wanted")
     mark_stops_and_pushes([top, bottom], located)
     for axis in (top, bottom):
