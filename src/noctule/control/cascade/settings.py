@@ -26,7 +26,10 @@ class CascadeSettings(Settings):
     k2: Four = Field((2.5, 2.5, 2.5, 2.0), description="how steeply it rises with the error [1/m, 1/rad]")
     K: Four = Field((8.0, 8.0, 7.0, 8.0), description="with which errors of the velocity fall [1/s]")
     disturbance_rate: float = Field(
-        2.0, ge=0.0, le=10.0, description="with which a constant disturbance is learnt; 0: as published [1/s]"
+        2.0,
+        ge=0.0,
+        le=10.0,
+        description="with which a constant disturbance is learnt, at most 0.1 / delay; 0: as published [1/s]",
     )
     most_disturbance: Four = Field(
         (1.0, 1.0, 1.0, 1.0), description="taken for one: forward, left, up [m/s^2], yaw [rad/s^2]"
