@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from localization_flights import (
     CAMERA,
@@ -19,7 +19,7 @@ from localization_rays import BOX, PERSON, TRAY, Thing, cast
 from noctule.geometry import Pose, tilt, wrap_angle
 from noctule.localization import fitting, placing
 from noctule.localization.evidence import Grid, gather
-from noctule.localization.registration import ALL, acquire, align, register
+from noctule.localization.registration import ALL, Scene, acquire, align, register
 from noctule.localization.template import Template, TemplateError, TemplateSums, build_template, finish
 
 ANGLES = st.floats(-3.0, 3.0)
@@ -200,8 +200,8 @@ def test_without_a_heading_it_is_found_up_to_a_half_turn(yaw):
 def test_the_half_turn_fits_worse_and_says_so():
     right = register(scene(drone(HOME)), HOME)
     wrong = register(scene(drone(HOME)), Pose(HOME.position, HOME.yaw + math.pi))
-    assert right.half_turn > 0.15
-    assert wrong.half_turn < -0.15
+    assert right.half_turn > 5.0
+    assert wrong.half_turn == pytest.approx(-right.half_turn, rel=0.2)
 
 
 @pytest.mark.parametrize("solids", [TRAY, BOX])
@@ -232,8 +232,7 @@ def test_a_shape_that_is_its_own_half_turn_has_no_evidence_of_it():
         *(even(a) for a in (sums.share, sums.square, sums.seen, sums.height, sums.area)),
     )
     symmetric = type(matcher()).of(finish(same))
-    assert len(symmetric.telling) == 0
-    assert symmetric.half_turn == 0.0
+    assert register(Scene(s.depth, s.nearest, CAMERA, symmetric), true).half_turn == 0.0
 
 
 def test_learning_aligns_a_frame_to_the_template():
@@ -258,6 +257,7 @@ def test_all_headings_are_tried_in_even_steps():
     assert len(ALL) % 4 == 0
 
 
+@settings(deadline=None)  # the first call compiles
 @given(st.lists(st.floats(-2.0, 2.0), min_size=12, max_size=12))
 def test_three_equations_are_solved(values):
     J, b = np.array(values[:9]).reshape(3, 3), np.array(values[9:])

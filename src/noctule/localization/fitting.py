@@ -42,19 +42,14 @@ def solve3(A: Array, b: Array, x: Array) -> bool:
 
 
 @compiled
-def edge_cells(
-    share: Map, trust: Map, edges: NDArray[np.uint8], cell: float, pose: Array, every: int, out: Array
-) -> int:
-    """Write (x, y [m], share, trust) of the seen cells at the template's edges to `out`; return how many.
-
-    `every` 1: all cells; 2: every other, as on a chessboard.
-    """
+def edge_cells(share: Map, trust: Map, edges: NDArray[np.uint8], cell: float, pose: Array, out: Array) -> int:
+    """Write (x, y [m], share, trust) of the seen cells at the template's edges to `out`; return how many."""
     n, m = share.shape[0], edges.shape[0]
     c, s = math.cos(pose[2]) / cell, math.sin(pose[2]) / cell
     count = 0
     for i in range(n):
         x = (i + 0.5 - 0.5 * n) * cell
-        for j in range(i % every, n, every):
+        for j in range(n):
             if trust[i, j] == 0.0:
                 continue
             y = (j + 0.5 - 0.5 * n) * cell
@@ -77,14 +72,13 @@ def refine(
     cell: float,
     pose: Array,
     steps: int,
-    every: int,
     information: Array,
 ) -> int:
     """Refine `pose` (3,) of the template in the evidence, in place, by Fisher scoring.
 
     The pose is x, y [m], heading [rad]. Gauss-Newton on the share of drone in a cell against the template's
     probability there, weighted by how much the cell's share varied while the template was learned. Writes the
-    information (3, 3), in the template's own axes, and returns the steps taken; `every` as in `edge_cells`.
+    information (3, 3), in the template's own axes, and returns the steps taken.
     """
     m = probability.shape[0]
     inverse = 1.0 / cell
@@ -94,7 +88,7 @@ def refine(
     count = 0
     for step in range(steps):
         if moved > _FAR:
-            count = edge_cells(share, trust, edges, cell, pose, every, cells)
+            count = edge_cells(share, trust, edges, cell, pose, cells)
             moved = 0.0
         c, s = math.cos(pose[2]), math.sin(pose[2])
         g0, g1, g2, a00, a01, a02, a11, a12, a22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -150,13 +144,12 @@ def refine(
 
 @compiled
 def surface_cells(
-    drone: Map, height: Map, solid: Map, surface: Map, cell: float, pose: Array, every: int, out: Array
+    drone: Map, height: Map, solid: Map, surface: Map, cell: float, pose: Array, out: Array
 ) -> int:
     """Write (x, y in the template [m], height against the template's [m], weight) of cells with a surface.
 
     `pose` (3,) is x, y [m], heading [rad] of the template in the evidence; `solid` weights the template's
-    cells, 0 where it has no surface; `every` as in `edge_cells`. Returns how many cells were written to
-    `out` (k, 4).
+    cells, 0 where it has no surface. Returns how many cells were written to `out` (k, 4).
     """
     n, m = drone.shape[0], solid.shape[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -164,7 +157,7 @@ def surface_cells(
     count = 0
     for i in range(n):
         x = (i + 0.5 - 0.5 * n) * cell - pose[0]
-        for j in range(i % every, n, every):
+        for j in range(n):
             if drone[i, j] < LEAST:
                 continue
             y = (j + 0.5 - 0.5 * n) * cell - pose[1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -13,6 +13,7 @@ from noctule.geometry import Array
 from noctule.localization import fitting, misfit, scoring
 from noctule.localization.evidence import Evidence, Grid, Map
 from noctule.localization.placing import SURFACE_SD
+from noctule.localization.stops import NoseOrTail
 from noctule.localization.template import Template
 
 BLOCK = 0.04  # [m], side of the blocks of cells of the coarse search, and its step
@@ -21,14 +22,12 @@ MARGIN, WIDE = 0.03, 0.1
 _REACH = 2  # cells around the template's edges that may belong to them
 _STEEP = 0.03  # change of the probability from cell to cell that makes an edge
 _STEPS = 8  # of the refinement at most
-_TURNED_STEPS = 2  # of that of the half turn, which starts where the template says
 TILT_SD = math.radians(3.0)  # how far the tilt may be from the predicted one
 _HOLD = (SURFACE_SD / TILT_SD) ** 2
 # [m], [1/m], of one cell's height: the shape's part, and the sensor's
 _RELIEF_SD, _RELIEF_STEP = 0.004, 0.0014
-_TELLING, _TELLING_HEIGHT = 0.3, 0.007  # differences of probability and height [m] that tell nose from tail
+_TELLING, _TELLING_HEIGHT = 0.3, 0.007  # differences of probability and height [m] that tell quarter turns
 _OUTLINE_SHARE = 0.5  # neighbouring cells of an outline err together, more than heights do
-_USUAL_DISTANCE = 2.0  # [m], from the camera, for the evidence that counts as usual
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +57,8 @@ class Matcher:
     coarse_drone: Map  # (n, n), log-likelihood ratios, blurred as the blocks are
     coarse_free: Map
     seen: float  # weight of all cells
-    telling: Array  # (k, 6), cells that tell the half turn, as in `misfit.contrast`
-    telling_quarter: Array  # (k, 6), the same for quarter turns
-    turned: Array  # (3,) x, y [m], heading [rad] that lay the template, turned around, best over itself
-    half_turn: float  # by how much these cells then fit worse
+    telling: Array  # (k, 6), cells that tell the quarter turns, as in `misfit.contrast`
+    nose_or_tail: NoseOrTail  # what tells the half turn
 
     @classmethod
     def of(cls, template: Template) -> Matcher:
@@ -75,7 +72,7 @@ class Matcher:
         used = np.abs(np.concatenate([i, j]) - 0.5 * (template.grid.n - 1)).max() + 0.5
         near, wide = (2 * math.ceil(used + margin / cell) for margin in (MARGIN, WIDE))
         solid = np.asarray(np.where((p > 0.3) & (template.height != 0.0), p, 0.0), dtype=np.float32)
-        matcher = cls(
+        return cls(
             template,
             Grid(cell, near, template.grid.plane),
             Grid(cell, wide, template.grid.plane),
@@ -86,18 +83,9 @@ class Matcher:
             np.asarray(cv2.blur(template.log_drone, (block, block)), dtype=np.float32),
             np.asarray(cv2.blur(template.log_free, (block, block)), dtype=np.float32),
             float(template.weight.sum()),
-            _telling(template, solid, (2,)),
-            _telling(template, solid, (1, 2, 3)),
-            np.array([0.0, 0.0, math.pi]),
-            0.0,
+            _telling(template, solid),
+            NoseOrTail.of(template.stops),
         )
-        # Itself, seen in full and without noise.
-        seen = np.asarray(p * template.height, dtype=np.float32)
-        turned, _ = matcher.refine(p, template.weight, matcher.turned)
-        shown = (p, template.weight, p, seen)
-        loss = matcher._contrast(shown, turned, matcher._surface(p, seen, turned), _USUAL_DISTANCE)
-        loss -= matcher._contrast(shown, np.zeros(3), np.zeros(3), _USUAL_DISTANCE)
-        return replace(matcher, turned=turned, half_turn=loss)
 
     def search(self, share: Map, trust: Map, headings: Array, reach: int) -> tuple[Array, Array]:
         """Return for each heading [rad] the best shift up to `reach` steps, (k, 3), and scores (k,)."""
@@ -120,7 +108,7 @@ class Matcher:
         t = self.template
         information, pose = np.zeros((3, 3)), start.copy()
         fitting.refine(
-            share, trust, t.probability, t.variance, self.edges, t.grid.cell, pose, steps, 1, information
+            share, trust, t.probability, t.variance, self.edges, t.grid.cell, pose, steps, information
         )
         return pose, information
 
@@ -133,40 +121,15 @@ class Matcher:
         )  # fmt: skip
         return Fit(*fit, surface)
 
-    def against_half_turn(self, seen: Evidence, pose: Array, surface: Array) -> float:
-        """Return by how much the half turn of a pose (3,) fits worse, over what it would if all were seen."""
-        if self.half_turn <= 0.0:
-            return 0.0
-        t = self.template
-        loss = misfit.half_turn(
-            seen.share, seen.trust, seen.drone, seen.height, t.probability, t.variance, self.edges,
-            self.solid, t.height, self.telling, t.grid.cell, pose, surface, self.turned, _TURNED_STEPS,
-            _HOLD, _relief_sd(seen.distance),
-        )  # fmt: skip
-        return loss / self.half_turn
-
     def quarter_contrast(self, seen: Evidence, pose: Array) -> float:
         """Return the misfit at a pose (3,) of the cells that tell it from its quarter turns."""
-        maps = (seen.share, seen.trust, seen.drone, seen.height)
-        surface = self._surface(seen.drone, seen.height, pose)
-        return self._contrast(maps, pose, surface, seen.distance, quarters=True)
-
-    def _surface(self, drone: Map, height: Map, pose: Array) -> Array:
-        t, out, cells = self.template, np.zeros(3), np.empty((drone.size, 4))
-        count = fitting.surface_cells(drone, height, self.solid, t.height, t.grid.cell, pose, 1, cells)
-        fitting.fit_surface(cells[:count], _HOLD, out)
-        return out
-
-    def _contrast(
-        self,
-        maps: tuple[Map, Map, Map, Map],
-        pose: Array,
-        surface: Array,
-        distance: float,
-        quarters: bool = False,
-    ) -> float:
-        telling = self.telling_quarter if quarters else self.telling
-        return misfit.contrast(*maps, telling, self.template.grid.cell, pose, surface, _relief_sd(distance))
+        t, surface, cells = self.template, np.zeros(3), np.empty((seen.drone.size, 4))
+        count = fitting.surface_cells(seen.drone, seen.height, self.solid, t.height, t.grid.cell, pose, cells)
+        fitting.fit_surface(cells[:count], _HOLD, surface)
+        return misfit.contrast(
+            seen.share, seen.trust, seen.drone, seen.height, self.telling, t.grid.cell, pose, surface,
+            _relief_sd(seen.distance),
+        )  # fmt: skip
 
 
 def _relief_sd(distance: float) -> float:
@@ -184,21 +147,21 @@ def _cells(template: Template, solid: Map) -> Map:
     return cells
 
 
-def _telling(template: Template, solid: Map, quarters: tuple[int, ...]) -> Array:
+def _telling(template: Template, solid: Map) -> Array:
     """Return the cells that differ from those some quarter turns away, (k, 6) as in `misfit.contrast`.
 
-    What hardly differs, like the rims of a hull, differs more from view to view than from nose to tail.
+    What hardly differs, like the rims of a hull, differs more from view to view than from turn to turn.
     """
     p, h = template.probability, template.height
     outline, relief = np.zeros(p.shape, dtype=np.bool_), np.zeros(p.shape, dtype=np.bool_)
-    for k in quarters:
+    for k in (1, 2, 3):
         there = (solid > 0.0) & (np.rot90(solid, k) > 0.0)
         outline |= np.abs(p - np.rot90(p, k)) > _TELLING
         relief |= there & (np.abs(h - np.rot90(h, k)) > _TELLING_HEIGHT)
     # The same places count whichever of the headings is supposed.
-    places = np.logical_or.reduce([np.rot90(outline, k) for k in (0, *quarters)])
-    tops = np.logical_or.reduce([np.rot90(relief, k) for k in (0, *quarters)])
-    known = np.logical_and.reduce([np.rot90(template.weight, k) > 0.0 for k in (0, *quarters)])
+    places = np.logical_or.reduce([np.rot90(outline, k) for k in range(4)])
+    tops = np.logical_or.reduce([np.rot90(relief, k) for k in range(4)])
+    known = np.logical_and.reduce([np.rot90(template.weight, k) > 0.0 for k in range(4)])
     i, j = np.nonzero((places & known) | tops)
     sure = _OUTLINE_SHARE * (places & known)[i, j] / (template.variance[i, j] + fitting.FLOOR)
     x, y = ((k + 0.5 - 0.5 * len(p)) * template.grid.cell for k in (i, j))

@@ -1,14 +1,13 @@
-"""Compiled measures of how well a template fits: of all its cells, and of those that tell the half turn."""
+"""Compiled measures of how well a template fits: of all its cells, and of those that tell quarter turns."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noctule.geometry import Array
-from noctule.localization.fitting import LEAST, fit_surface, refine, surface_cells
+from noctule.localization.fitting import LEAST, fit_surface
 from noctule.localization.gathering import Map
 from noctule.vision.homography.compiled import compiled
 
@@ -111,41 +110,3 @@ def contrast(
             r = height[i, j] / drone[i, j] - plane
             relief += telling[k, 5] * min(drone[i, j], 1.0) * min(r * r, most)
     return 0.5 * (outline + relief / height_sd**2)
-
-
-@compiled
-def half_turn(
-    share: Map,
-    trust: Map,
-    drone: Map,
-    height: Map,
-    probability: Map,
-    variance: Map,
-    edges: NDArray[np.uint8],
-    solid: Map,
-    tops: Map,
-    telling: Array,
-    cell: float,
-    pose: Array,
-    surface: Array,
-    turned: Array,
-    steps: int,
-    hold: float,
-    height_sd: float,
-) -> float:
-    """Return by how much the half turn of a pose fits worse in the cells that tell.
-
-    `turned` (3,) lays the template, turned around, best over itself; from there it is refined in `steps`.
-    Every other cell is enough for that: the evidence is summed over frames.
-    """
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    other = np.empty(3)
-    other[0] = pose[0] + c * turned[0] - s * turned[1]
-    other[1] = pose[1] + s * turned[0] + c * turned[1]
-    other[2] = pose[2] + turned[2]
-    refine(share, trust, probability, variance, edges, cell, other, steps, 2, np.empty((3, 3)))
-    cells, fitted = np.empty((share.size, 4)), np.zeros(3)
-    count = surface_cells(drone, height, solid, tops, cell, other, 2, cells)
-    fit_surface(cells[:count], hold, fitted)
-    there = contrast(share, trust, drone, height, telling, cell, other, fitted, height_sd)
-    return there - contrast(share, trust, drone, height, telling, cell, pose, surface, height_sd)

@@ -41,7 +41,7 @@ class Registration:
     visible: float  # share of the template that was seen, drone or free
     outline: float  # misfit of the outline, per cell seen
     relief: float  # misfit of the surface, per cell seen; about a half is usual, 4.5 the most
-    half_turn: float  # by how much the half turn fits worse; a third is usual, negative: it fits better
+    half_turn: float  # log-likelihood ratio against the half turn, as seen in this frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ def _completed(scene: Scene, view: Evidence, at: Array, information: Array, fit:
         min(fit.seen / matcher.seen, 1.0),
         fit.outline,
         fit.relief,
-        matcher.against_half_turn(view, at, fit.surface),
+        matcher.nose_or_tail.evidence(scene.depth, scene.nearest, scene.camera, pose),
     )
 
 

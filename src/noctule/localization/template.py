@@ -8,7 +8,7 @@ a pose is a sum of log-likelihood ratios over the cells that are seen, `log_dron
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from noctule.errors import NoctuleError
 from noctule.geometry import Array, Pose
 from noctule.localization.evidence import FULL, Evidence, Grid, Map, gather
 from noctule.localization.fitting import FLOOR
+from noctule.localization.stops import Stops
 from noctule.messages import DepthFrame
 
 CELL = 0.01  # [m]
@@ -85,6 +86,7 @@ class Template:
     weight: Map  # 1 where the cell is evidence, 0 far outside the drone
     log_drone: Map  # log-likelihood ratio of a drone cell, weighted
     log_free: Map  # log-likelihood ratio of a free cell, weighted
+    stops: Stops  # where rays stop in it, in the same cells: of which nose and tail are told apart
 
     @property
     def nominal(self) -> float:
@@ -119,11 +121,17 @@ class Template:
             "variance": self.variance.astype(np.float64),
             "height": self.height.astype(np.float64),
             "weight": self.weight.astype(np.float64),
+            "layers": np.array([self.stops.bottom, self.stops.layer]),
+            "hits": self.stops.hits.astype(np.float64),
+            "passes": self.stops.passes.astype(np.float64),
         }
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array]) -> Template:
-        """Make a template of what `arrays` returned; raises TemplateError when it is something else."""
+        """Make a template of what `arrays` returned; raises TemplateError when it is something else.
+
+        Templates from before rays were counted have no layers: their top view is taken for a body.
+        """
         needed = ("grid", "frames", "probability", "variance", "height", "weight")
         missing = [name for name in needed if name not in arrays]
         if missing:
@@ -136,7 +144,10 @@ class Template:
             raise TemplateError("not a template: its maps are not finite squares of one size; learn it again")
         probability, variance, height, weight = maps
         size = Grid(float(grid[0]), shape[0], float(grid[1]))
-        return _complete(size, int(frames.item()), probability, variance, height, weight)
+        template = _complete(size, int(frames.item()), probability, variance, height, weight)
+        if "layers" not in arrays:
+            return template
+        return replace(template, stops=_stops(size, arrays))
 
 
 def finish(sums: TemplateSums) -> Template:
@@ -178,7 +189,23 @@ def build_template(
         for frame, pose in samples:
             sums = sums.add(gather(frame.depth, nearest, camera, pose, sums.grid))
         learned.append(finish(sums))
-    return max(learned, key=lambda template: template.sharpness)
+    best = max(learned, key=lambda template: template.sharpness)
+    stops = Stops.of_samples(samples, nearest, camera, best.grid.cell, best.grid.n)
+    return replace(best, stops=stops)
+
+
+def _stops(grid: Grid, arrays: Mapping[str, Array]) -> Stops:
+    layers, hits, passes = (
+        np.asarray(arrays.get(k, np.empty(0)), dtype=np.float64) for k in ("layers", "hits", "passes")
+    )
+    square = hits.ndim == 3 and hits.shape == passes.shape and hits.shape[:2] == (grid.n, grid.n)
+    counted = square and layers.shape == (2,) and np.isfinite(layers).all() and layers[1] > 0.0
+    if not counted or not all(np.isfinite(a).all() and (a >= 0.0).all() for a in (hits, passes)):
+        raise TemplateError(
+            f"not a template: its rays are not counted in layers of {grid.n} x {grid.n} cells; learn it again"
+        )
+    counts = (np.ascontiguousarray(a, dtype=np.float32) for a in (hits, passes))
+    return Stops(grid.cell, float(layers[0]), float(layers[1]), *counts)
 
 
 def _complete(
@@ -187,5 +214,6 @@ def _complete(
     # From single precision, as it is stored: a template read back is the same to the last bit.
     maps = [np.ascontiguousarray(m, dtype=np.float32) for m in (probability, variance, height, weight)]
     p = _SURPRISE + (1.0 - 2.0 * _SURPRISE) * maps[0].astype(np.float64)
-    logs = [(maps[3] * np.log(2.0 * q)).astype(np.float32) for q in (p, 1.0 - p)]
-    return Template(grid, frames, *maps, *logs)
+    log_drone, log_free = ((maps[3] * np.log(2.0 * q)).astype(np.float32) for q in (p, 1.0 - p))
+    stops = Stops.of_top_view(grid.cell, maps[0], maps[2], maps[3])
+    return Template(grid, frames, maps[0], maps[1], maps[2], maps[3], log_drone, log_free, stops)
