@@ -330,13 +330,15 @@ def test_the_live_line_is_rewritten_on_a_terminal_and_comes_once_a_second_elsewh
 
 def test_the_end_in_words_names_what_was_lost_and_why():
     found = {
-        "node": "fusion", "measured": 0, "shared": 0, "assimilated": 9, "rejoined": 1,
+        "node": "fusion", "measured": 0, "measures_nothing": "no drone in view", "shared": 0,
+        "assimilated": 9, "rejoined": 1,
         "refused": {"depth: yaw gate": 2}, "dropped": {"too late": 3}, "malformed": {"beat": 4},
         "why_malformed": {"beat": "depth: heartbeat: 3 bytes"}, "overruns": 5, "half_turns": 1,
         "drill": {"nees_per_state": 1.02}, "table": "o/estimates.csv", "recording": "o/estimates.mcap",
     }  # fmt: skip
     assert in_words(found).splitlines() == [
         "node fusion: measured 0, shared 0, assimilated 9, joined again 1 times",
+        "nothing measured at the end: no drone in view",
         "refused: 2 depth: yaw gate",
         "dropped: 3 too late",
         "no message: 4 beat",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from noctule.flight.network.pacing import Schedule
     from noctule.flight.network.senses import Senses
 
-Addresses = Annotated[tuple[str, ...], Parameter(negative="")]
+Addresses = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
 _POSITION_SD, _YAW_SD = 2.0, 2.0  # [m], [rad], at first: anywhere in a room, turned anyhow
 _START = (0.0, 0.0, 1.0)  # [m]
 

@@ -140,6 +140,8 @@ def in_words(found: dict[str, Any]) -> str:
         f"node {found['node']}: measured {found['measured']}, shared {found['shared']}, "
         f"assimilated {found['assimilated']}, joined again {found['rejoined']} times"
     ]
+    if found["measures_nothing"]:
+        lines.append(f"nothing measured at the end: {found['measures_nothing']}")
     for title, key in (("refused", "refused"), ("dropped", "dropped"), ("no message", "malformed")):
         lines += [f"{title}: {count} {reason}" for reason, count in found[key].items()]
     lines += [f"the last of them: {reason}" for reason in found["why_malformed"].values()]

@@ -175,6 +175,7 @@ class Member:
         return {
             "node": self.name,
             "measured": self.measured,
+            "measures_nothing": self.reason,
             "shared": self.shared,
             "assimilated": self.assimilated,
             "rejoined": self.rejoined,
