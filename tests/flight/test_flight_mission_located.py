@@ -110,8 +110,8 @@ def test_every_mistake_about_the_path_is_one_line(tmp_path):
 def test_a_path_faster_than_the_limits_is_refused_with_its_place():
     fast = "[space_path]\nspeed = { cruise = 0.7 }\n" + LINE
     assert mistakes(fast) == (
-        "my.toml: path: 0.70 m/s at s = 0.00 m (0.00, 0.00, 1.00) is 0.70 m/s of level flight, the vehicle is "
-        "allowed 0.6 m/s; fly slower there"
+        "my.toml: path: 0.70 m/s at s = 0.00 m (0.00, 0.00, 1.00) is 0.70 m/s of level flight, the vehicle "
+        "is allowed 0.6 m/s; fly slower there"
     )
     assert mission(fast + "[limits]\nforward = 0.8\nleft = 0.8\n").space_plan().total > 0.0
 
@@ -159,7 +159,8 @@ def test_somebody_walks_around_a_place_or_past_the_path():
 
 
 def test_boards_are_held_before_the_missions_own_camera():
-    boards = "[ceiling]\nz_m = 3.0\n[[ceiling.boards]]\nplace = [0.1, 0.2, 1.0]\nbegin_s = 4.0\nseconds = 5.0\n"
+    boards = "[ceiling]\nz_m = 3.0\n[[ceiling.boards]]\nplace = [0.1, 0.2, 1.0]\n"
+    boards += "begin_s = 4.0\nseconds = 5.0\n"
     (board,) = mission(LINE + boards).ceiling.hidings()
     assert (board.place, board.begin, board.seconds) == ((0.1, 0.2, 1.0), 4.0, 5.0)
     assert board.eye[2] == 3.0
