@@ -45,6 +45,17 @@ def test_finish_completes_each_run_where_it_was_flown(tmp_path):
     assert [run["report"] for run in results["runs"]] == ["page 1", "page 2"]
 
 
+def test_flights_of_another_kind_are_pooled_in_their_own_way(tmp_path):
+    results = fly([1, 2], tmp_path, pretended.reached, together=lambda runs: {"flights": len(runs)})
+    assert set(results) == {"runs", "flights"}
+    assert results["flights"] == 2
+
+
+def test_the_bar_counts_the_outcome_that_is_good_for_them(tmp_path, capsys):
+    fly_seeds(pretended.named, [1], tmp_path, jobs=1, fly=pretended.reached, good="completed")
+    assert "flights (0 completed)" in capsys.readouterr().err
+
+
 def test_a_worker_that_dies_twice_is_named_and_the_others_come_home(tmp_path):
     results = fly(range(6), tmp_path, pretended.dies_on_3)
     assert outcomes(results) == {seed: "aborted" if seed == 3 else "reached" for seed in range(6)}
