@@ -66,5 +66,5 @@ def flown(monkeypatch):
         return FlightResult(summary, recording, out)
 
     monkeypatch.setattr("noctule.flight.fly_mission", fly_mission)
-    monkeypatch.setattr("noctule.reports.write_report", lambda recording: recording.with_name("report.html"))
+    monkeypatch.setattr("noctule.reports.write_report", lambda file, judged: file.with_name("report.html"))
     return flights

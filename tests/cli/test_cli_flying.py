@@ -71,7 +71,7 @@ def test_no_report_writes_none(noctule, flown, monkeypatch):
 
 
 def test_a_report_that_fails_does_not_cost_the_figures(noctule, flown, monkeypatch):
-    def fails(recording):
+    def fails(recording, judged):
         raise RecordingError("report: the disk is full")
 
     monkeypatch.setattr("noctule.reports.write_report", fails)

@@ -120,3 +120,49 @@ def test_flights_that_did_not_reach_are_drawn_hollow_and_the_bar_is_the_median()
     faces = [line.get_markerfacecolor() for line in marks]
     assert faces == [FORWARD, FORWARD, FORWARD, LEFT, "white", "white"]
     assert [bar.get_ydata()[0] for bar in bars] == pytest.approx([0.02, 0.10])
+
+
+def located_part(name_outcomes):
+    flown = [
+        {
+            "seed": seed,
+            "outcome": outcome,
+            "cross_track_mean_m": 0.007 + 0.001 * seed,
+            "cross_track_p95_m": 0.015,
+            "hover_rms_m": 0.009,
+            "heading_p95_deg": 2.1,
+            "recovery_s": {"mean": 0.5, "max": 0.6},
+            "position_rms_m": 0.0061,
+            "yaw_sd_deg": 0.8,
+            "lost_s": None,
+            "min_clearance_m": 0.41,
+        }
+        for seed, outcome in enumerate(name_outcomes)
+    ]
+    shares = {"completed": 0.5, "landed_lost": 0.5}
+    return {"runs": flown, "summary": {**flown[0], "outcome": shares}}
+
+
+def test_located_flights_are_told_by_their_own_figures_and_their_experiments_names(tmp_path):
+    part = located_part(["completed", "landed_lost"])
+    text = write_campaign_report({"loc-1": part}, tmp_path).read_text(encoding="utf-8")
+    table = rows(text)
+    assert "loc-1: 1 of 2 flights completed their path, 1 landed lost." in text
+    assert "Law" not in text
+    assert ["outcomes", "completed 50 %, landed lost 50 %"] in table
+    assert ["from the path, mean", "7.0 mm"] in table
+    expected = ["8.0 mm", "15.0 mm", "9.0 mm", "0.6 s", "6.1 mm", "0.80°", "2.10°", "\u2013", "0.410 m"]
+    assert ["1", "landed lost", *expected] in table
+
+
+def test_what_is_asked_of_located_flights_is_dashed_in_their_panels():
+    with house_style():
+        figure = spread_figure({"loc-1": located_part(["completed"] * 2), "loc-2": located_part(["fence"])})
+    dashed = [
+        float(line.get_ydata()[0])
+        for axis in figure.axes
+        for line in axis.get_lines()
+        if line.get_linestyle() == "--"
+    ]
+    assert dashed == [10.0, 20.0, 12.0, 0.8, 8.0, 1.2]
+    assert len(figure.axes) == 6

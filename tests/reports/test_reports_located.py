@@ -24,6 +24,7 @@ from noctule.messages import (
     VehicleState,
     Whereabouts,
 )
+from noctule.reports import write_report
 from noctule.reports.doubt_strip import doubts_in_words, unseen_in_words
 from noctule.reports.figure_plans import LOCATED, VISUAL, plans_of
 from noctule.reports.flight_report import draw_figures, flight_page
@@ -230,9 +231,8 @@ def test_a_located_flight_has_its_own_figures_and_one_by_pictures_keeps_its_own(
 
 
 def test_every_figure_is_drawn_with_truth_and_what_needs_it_says_so_without(log, real):
-    short = make_located_log(20.0)
-    assert all(d.png is not None and png_size(d.png)[0] > 1000 for d in draw_figures(short))
-    missing = {d.name: d.missing for d in draw_figures(make_located_log(20.0, truth=False)) if d.png is None}
+    assert all(d.png is not None and png_size(d.png)[0] > 1000 for d in draw_figures(make_located_log(16.0)))
+    missing = {d.name: d.missing for d in draw_figures(make_located_log(16.0, truth=False)) if d.png is None}
     assert missing == {
         "clearance": "There is no truth in this recording (a real drone has none), so this is left out."
     }
@@ -354,3 +354,13 @@ def test_a_flight_that_lasts_a_few_ticks_is_drawn_all_the_same(tmp_path):
 def test_the_blind_seconds_of_the_synthetic_flight_are_where_they_were_put(log):
     unseen = log.located.times[~log.located.seen & (log.located.times > 1.0)]
     assert ((unseen >= BLIND[0]) & (unseen < BLIND[1])).sum() == round((BLIND[1] - BLIND[0]) / TICK)
+
+
+def test_what_a_judge_says_stands_on_the_page_in_place_of_what_the_flight_says(tmp_path):
+    path = tmp_path / "flight.mcap"
+    write_flight(path, ticks=3)
+    judged = {"outcome": "diverged", "reason": "off by 1 m", "cross_track_p95_m": 0.0123, "verdict": "no"}
+    text = write_report(path, judged=judged).read_text(encoding="utf-8")
+    assert '<span class="badge bad">diverged</span>' in text
+    assert "12.3 mm" in text
+    assert "verdict" not in text

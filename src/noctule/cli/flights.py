@@ -38,7 +38,7 @@ class Judging:
     pooled: Callable[[Sequence[dict[str, Any]]], dict[str, Any]] | None = None
     flight_text: Callable[[Mapping[str, Any]], str] = flight_text
     campaign_text: Callable[[Mapping[str, Any]], str] = campaign_text
-    campaign_report: bool = True  # there is one for flights of this kind
+    by_law: bool = True  # campaigns stand side by side by their law, else by their name
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +103,9 @@ def _fly_many(asked: Asked, seeds: range) -> int:
         together=judging.pooled,
         good=judging.good,
     )
-    kind = first.law if judging.campaign_report else asked.name
+    kind = first.law if judging.by_law else asked.name
     (folder / RESULTS).write_text(as_json({kind: results}) + "\n", encoding="utf-8")
-    if asked.report and judging.campaign_report:
+    if asked.report:
         from noctule.reports import write_campaign_report
 
         laws: dict[str, Any] = {kind: results}
@@ -129,7 +129,10 @@ def with_report(summary: Mapping[str, Any]) -> dict[str, Any]:
     """
     from noctule.reports import write_report
 
-    return {**summary, "report": _or_say_why(lambda: write_report(Path(summary["recording"])))}
+    return {
+        **summary,
+        "report": _or_say_why(lambda: write_report(Path(summary["recording"]), judged=summary)),
+    }
 
 
 def _or_say_why(write: Callable[[], Path]) -> str | None:

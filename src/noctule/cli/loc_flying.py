@@ -67,7 +67,7 @@ def fly_loc(
     """Fly, judge and tell; 0 if and only if every flight was completed."""
     from noctule.experiments.loc_flight_run import judged, pooled
 
-    judging = Judging(judged, "completed", pooled, loc_text, loc_campaign_text, campaign_report=False)
+    judging = Judging(judged, "completed", pooled, loc_text, loc_campaign_text, by_law=False)
     make = partial(mission_of, name, options)
     return fly_asked(Asked(name, make, seed, seeds, out, report, json, judging))
 

@@ -14,26 +14,13 @@ from matplotlib.figure import Figure
 
 from noctule.errors import NoctuleError
 from noctule.reports import page as html
+from noctule.reports.campaign_columns import GOOD, LOCATED, Column, Kind, kind_of
 from noctule.reports.flight_report import write_files
 from noctule.reports.page import Drawing
 from noctule.reports.style import FORWARD, LEFT, UP, WARN, WIDTH_IN, YAW, encode_png, house_style, new_figure
-from noctule.reports.summary import find, number
 
 PAGE = "campaign.html"
 _LAW_LOOK = ((FORWARD, "o"), (LEFT, "s"), (UP, "^"), (YAW, "D"))
-# Path of keys in a run, heading, unit of the values.
-_COLUMNS: tuple[tuple[tuple[str, ...], str, str], ...] = (
-    (("duration_s",), "duration", "s"),
-    (("position_error_m",), "position error", "m"),
-    (("yaw_error_deg",), "heading error", "°"),
-    (("epsilon_px",), "points at the end", "px"),
-    (("min_clearance_m",), "least clearance", "m"),
-    (("max_command_step", "linear"), "largest step, linear", "m/s"),
-    (("max_command_step", "angular"), "largest step, angular", "rad/s"),
-    (("tick_ms", "p95"), "tick, 95th percentile", "ms"),
-)
-_POOLED = "Medians; of the clearance the least, of the command steps the largest, of the ticks all together."
-_PANELS = _COLUMNS[:3] + _COLUMNS[4:5]
 
 
 class CampaignResultsError(NoctuleError):
@@ -70,12 +57,14 @@ def write_campaign_report(results: Mapping[str, Any], out: Path) -> Path:
     `results` is what `by_law` takes. Raises CampaignResultsError, ReportWriteError.
     """
     laws = by_law(results)
+    kind = _kind(laws)
+    asked = ", dashed is what is asked for" if any(c.asked is not None for c in kind.panels) else ""
     with house_style():
         spread = encode_png(spread_figure(laws))
     figure = Drawing(
         "spread", "Spread over the seeds",
-        "Every mark is one flight, filled where it reached the last image and hollow where it did not. "
-        "The bar is the median of all flights that measured it.", spread,
+        f"Every mark is one flight, filled where it {kind.marked} and hollow where it did not. The bar is "
+        f"the median of all flights that measured it{asked}.", spread,
     )  # fmt: skip
     text = campaign_page(laws, figure, Path(out), str(results.get("title") or ""))
     return write_files({"spread.png": spread, PAGE: text.encode("utf-8")}, Path(out), PAGE)
@@ -85,10 +74,10 @@ def campaign_page(laws: Mapping[str, Mapping[str, Any]], figure: Drawing, out: P
     """Return the HTML page; links to the reports of single flights are relative to the folder `out`."""
     first = next(iter(laws.values()))["runs"]
     mission = title or str((first[0] if first else {}).get("mission") or "Campaign")
-    parts = [html.section("Pooled over all seeds", _pooled_table(laws), _POOLED)]
+    parts = [html.section("Pooled over all seeds", _pooled_table(laws), _kind(laws).pooled)]
     parts.append(html.drawing(figure))
     for law, part in laws.items():
-        parts.append(html.section(f"Law {law}: every flight", _runs_table(part["runs"], out)))
+        parts.append(html.section(f"{_named(law, part)}: every flight", _runs_table(part["runs"], out)))
     flights = sum(len(part["runs"]) for part in laws.values())
     return html.page(
         title=f"{mission}: {flights} flights - Noctule",
@@ -101,10 +90,23 @@ def campaign_page(laws: Mapping[str, Mapping[str, Any]], figure: Drawing, out: P
 
 
 def _in_words(law: str, runs: Sequence[Mapping[str, Any]]) -> str:
-    reached = sum(run.get("outcome") == "reached" for run in runs)
-    others = sorted({str(run.get("outcome")) for run in runs} - {"reached"})
-    counts = [f"{sum(str(run.get('outcome')) == other for run in runs)} {other}" for other in others]
-    return ", ".join([f"Law {law}: {reached} of {len(runs)} flights reached the last image", *counts]) + "."
+    reached = sum(run.get("outcome") in GOOD for run in runs)
+    others = sorted({str(run.get("outcome")) for run in runs} - set(GOOD))
+    counts = [
+        f"{sum(str(run.get('outcome')) == other for run in runs)} {other.replace('_', ' ')}"
+        for other in others
+    ]
+    told = f"{_named(law, {'runs': runs})}: {reached} of {len(runs)} flights {kind_of(runs).done}"
+    return ", ".join([told, *counts]) + "."
+
+
+def _kind(laws: Mapping[str, Mapping[str, Any]]) -> Kind:
+    return kind_of(run for part in laws.values() for run in part["runs"])
+
+
+def _named(law: str, part: Mapping[str, Any]) -> str:
+    # Of located flights it is the experiment's name.
+    return law if kind_of(part["runs"]) is LOCATED else f"Law {law}"
 
 
 def _pooled_table(laws: Mapping[str, Mapping[str, Any]]) -> str:
@@ -112,28 +114,32 @@ def _pooled_table(laws: Mapping[str, Mapping[str, Any]]) -> str:
     lines = [f'<thead><tr><th scope="col"></th>{head}</tr></thead>', "<tbody>"]
     summaries = [part.get("summary") or {} for part in laws.values()]
     lines.append(_line("flights", [str(len(part["runs"])) for part in laws.values()]))
-    lines.append(_line("outcomes", [_rates(s.get("outcome")) for s in summaries]))
-    for path, label, unit in _COLUMNS:
-        lines.append(_line(label, [number(find(s, path), unit) for s in summaries]))
-    return f'<div class="scroll"><table>\n{"".join(lines)}</tbody></table></div>'
+    lines.append(_line("outcomes", [_rates(s.get("outcome")) for s in summaries], "words"))
+    lines += [_line(c.label, [c.told(s) for s in summaries]) for c in _kind(laws).columns]
+    return f'<div class="scroll"><table class="pooled">\n{"".join(lines)}</tbody></table></div>'
 
 
 def _rates(outcome: Any) -> str:
     if isinstance(outcome, Mapping):
-        return ", ".join(f"{name} {100.0 * float(rate):.0f} %" for name, rate in outcome.items() if rate)
+        return ", ".join(
+            f"{name.replace('_', ' ')} {100.0 * float(rate):.0f} %" for name, rate in outcome.items() if rate
+        )
     return "not available" if outcome is None else str(outcome)
 
 
-def _line(label: str, cells: Sequence[str]) -> str:
-    inside = "".join(f'<td class="number">{html.escape(cell)}</td>' for cell in cells)
+def _line(label: str, cells: Sequence[str], kind: str = "number") -> str:
+    inside = "".join(f'<td class="{kind}">{html.escape(cell)}</td>' for cell in cells)
     return f'<tr><th scope="row">{html.escape(label)}</th>{inside}</tr>\n'
 
 
 def _runs_table(runs: Sequence[Mapping[str, Any]], out: Path) -> str:
-    head = "".join(f'<th scope="col" class="number">{html.escape(label)}</th>' for _, label, _ in _COLUMNS)
+    columns = kind_of(runs).columns
+    head = "".join(
+        f'<th scope="col" class="number">{html.escape(label)}</th>' for label in (c.label for c in columns)
+    )
     lines = [f'<thead><tr><th scope="col">seed</th><th scope="col">outcome</th>{head}</tr></thead>\n<tbody>']
     for run in runs:
-        values = [number(find(run, path), unit, missing="\u2013") for path, _, unit in _COLUMNS]
+        values = [c.told(run, missing="\u2013") for c in columns]
         cells = "".join(f'<td class="number">{html.escape(value)}</td>' for value in values)
         outcome = html.badge(str(run.get("outcome") or ""))
         lines.append(f'<tr><th scope="row">{_link(run, out)}</th><td>{outcome}</td>{cells}</tr>\n')
@@ -153,26 +159,31 @@ def _link(run: Mapping[str, Any], out: Path) -> str:
 
 def spread_figure(laws: Mapping[str, Mapping[str, Any]]) -> Figure:
     """Return one panel per figure of merit, one column of marks per law."""
-    figure = new_figure(WIDTH_IN, 3.2)
-    axes = figure.subplots(1, len(_PANELS), squeeze=False)[0]
-    for axis, (path, label, unit) in zip(axes, _PANELS, strict=True):
+    panels = _kind(laws).panels
+    rows = -(-len(panels) // 4)
+    figure = new_figure(WIDTH_IN, 3.2 * rows)
+    axes = figure.subplots(rows, len(panels) // rows, squeeze=False).ravel()
+    for axis, column in zip(axes, panels, strict=True):
         for i, part in enumerate(laws.values()):
-            _marks(axis, i, part["runs"], path)
+            _marks(axis, i, part["runs"], column)
+        if column.asked is not None:
+            axis.axhline(column.asked, color=WARN, lw=1.1, ls="--")
         axis.set_xticks(range(len(laws)), list(laws))
         axis.set_xlim(-0.6, len(laws) - 0.4)
         low, high = axis.get_ylim()
         axis.set_ylim(min(0.0, low), high + 0.06 * (high - min(0.0, low)))
-        axis.set(ylabel=f"[{'deg' if unit == '°' else unit}]", title=label.capitalize())
+        unit = "deg" if column.unit == "°" else column.unit
+        axis.set(ylabel=f"[{unit}]", title=column.label.capitalize())
         axis.grid(visible=False, axis="x")
-        if path == ("min_clearance_m",):
+        if column.path == ("min_clearance_m",):
             axis.axhline(0.0, color=WARN, lw=1.2)
     return figure
 
 
-def _marks(axis: Axes, i: int, runs: Sequence[Mapping[str, Any]], path: tuple[str, ...]) -> None:
+def _marks(axis: Axes, i: int, runs: Sequence[Mapping[str, Any]], column: Column) -> None:
     colour, marker = _LAW_LOOK[i % len(_LAW_LOOK)]
-    values = [(find(run, path), run.get("outcome") == "reached") for run in runs]
-    measured = [(float(v), ok) for v, ok in values if v is not None and math.isfinite(v)]
+    values = [(column.value(run), run.get("outcome") in GOOD) for run in runs]
+    measured = [(v, ok) for v, ok in values if v is not None and math.isfinite(v)]
     if not measured:
         return
     x = i + np.linspace(-0.22, 0.22, len(measured)) if len(measured) > 1 else np.array([float(i)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from noctule.reports.loading import load_flight_log
 from noctule.reports.page import Drawing
 from noctule.reports.progress import with_progress
 from noctule.reports.style import encode_png, house_style
-from noctule.reports.summary import Row, flight_rows, in_words, in_words_located, number
+from noctule.reports.summary import JUDGED, Row, flight_rows, in_words, in_words_located, number
 
 PAGE = "report.html"
 
@@ -120,11 +122,12 @@ def write_files(files: dict[str, bytes], out: Path, first: str) -> Path:
     return out / first
 
 
-def write_report(recording: Path, out: Path | None = None) -> Path:
+def write_report(recording: Path, out: Path | None = None, judged: Mapping[str, Any] | None = None) -> Path:
     """Write the report of a recording into the folder `out` and return the path of its page.
 
     Without `out` the folder stands beside the recording: `flight.mcap` gives `flight-report`. A recording
-    cut short by a crash gives a report of what is there, with a note.
+    cut short by a crash gives a report of what is there, with a note. `judged` holds what somebody who knows
+    more says of the outcome and the way; the page tells that instead of what the flight says of itself.
 
     Raises
     ------
@@ -133,4 +136,8 @@ def write_report(recording: Path, out: Path | None = None) -> Path:
     """
     recording = Path(recording)
     folder = recording.with_name(f"{recording.stem}-report") if out is None else Path(out)
-    return write_flight(load_flight_log(recording), folder)
+    log = load_flight_log(recording)
+    if judged is not None:
+        known = {name: value for name, value in judged.items() if name in JUDGED}
+        log = replace(log, summary={**log.summary, **known})
+    return write_flight(log, folder)

@@ -38,7 +38,7 @@ def note(text: str) -> str:
 def badge(outcome: str) -> str:
     """Return the outcome as a coloured word."""
     mood = "good" if outcome in ("reached", "completed") else "bad" if outcome else ""
-    return f'<span class="badge {mood}">{escape(outcome or "no outcome")}</span>'
+    return f'<span class="badge {mood}">{escape(outcome.replace("_", " ") or "no outcome")}</span>'
 
 
 def tiles(figures: Iterable[tuple[str, str]]) -> str:

@@ -48,6 +48,12 @@ _OF_THE_LOCATED: tuple[tuple[tuple[str, ...], str, str, float], ...] = (
     (("yaw_sd_deg",), "Error of the fused heading, standard deviation", "°", 1.0),
     (("lost_s",), "Time without a trusted estimate", "s", 1.0),
 )
+JUDGED = frozenset(
+    {"outcome", "reason", "slips", "doubt_s"}
+    | {key for key, _ in _OF_THE_PATH}
+    | {path[0] for path, *_ in _OF_THE_LOCATED}
+)
+"""What a judge may know better than the flight itself."""
 _NOT_FIGURES = (
     {"outcome", "reason", "recording", "report", "seed", "law", "mission", "laps"}
     | {key for key, _ in _OF_THE_PATH}
