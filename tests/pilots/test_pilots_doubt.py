@@ -34,7 +34,8 @@ TABLE = [
     (
         Facts(0.0, unseen=5.0, why_unseen="moved camera: 12 % of the background"),
         Doubt.HOVER,
-        "the ceiling camera has not seen the drone for 5.0 s (the camera is no longer where it was calibrated)",
+        "the ceiling camera has not seen the drone for 5.0 s (the camera is no longer where "
+        "it was calibrated)",
     ),
     (
         Facts(0.0, unseen=10.1, why_unseen=OCCLUDED),

@@ -12,9 +12,6 @@ from noctule.geometry import Array
 from noctule.messages import Command
 
 _GAP = 0.3  # [s]; estimates farther apart say nothing of a disturbance
-_PATIENCE = (
-    0.1  # of a command's delay, within one time constant of learning: it must be the slower of the two
-)
 _MEMORY = 64  # commands remembered: 2 s at 30 Hz, and a delay may be 0.5 s
 
 
@@ -26,16 +23,14 @@ class CommandMemory:
     settings: CascadeSettings
     disturbance: Array = field(default_factory=lambda: np.zeros(4))  # (4,) [m/s^2, rad/s^2], body
     _bounds: Array = field(init=False)  # (4,) of the disturbance
-    _rate: float = field(init=False)  # [1/s]
     _before: tuple[float, Array] | None = None  # the last estimate: stamp [s], state (8,)
     # Before the first command, nothing was sent since ever.
     _stamps: Array = field(default_factory=lambda: np.full(_MEMORY, -np.inf))  # (n,) [s]
     _sent: Array = field(default_factory=lambda: np.zeros((_MEMORY, 4)))  # (n, 4)
 
     def __post_init__(self) -> None:
-        """Take the bounds as an array; the later commands act, the slower it learns."""
+        """Take the bounds as an array."""
         self._bounds = np.array(self.settings.most_disturbance)
-        self._rate = min(self.settings.disturbance_rate, _PATIENCE / max(self.model.delay, 1e-6))
 
     @property
     def push(self) -> Array:
@@ -62,7 +57,7 @@ class CommandMemory:
 
     def learn(self, now: Array, stamp: float, learning: bool = True) -> None:
         """Compare the state `now` (8,) with what was predicted of the last one."""
-        before, rate = self._before, self._rate
+        before, rate = self._before, self.settings.disturbance_rate
         if learning and before is not None and 0.0 < stamp - before[0] < _GAP and rate > 0.0:
             expected = self.predict(before[1], before[0], stamp)
             self.disturbance = disturbance_after(self.disturbance, expected, now, rate, self._bounds)

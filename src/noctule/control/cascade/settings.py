@@ -29,7 +29,7 @@ class CascadeSettings(Settings):
         2.0,
         ge=0.0,
         le=10.0,
-        description="with which a constant disturbance is learnt, at most 0.1 / delay; 0: as published [1/s]",
+        description="with which a constant disturbance is learnt; 0: as published [1/s]",
     )
     most_disturbance: Four = Field(
         (1.0, 1.0, 1.0, 1.0), description="taken for one: forward, left, up [m/s^2], yaw [rad/s^2]"
