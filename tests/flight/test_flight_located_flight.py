@@ -140,8 +140,8 @@ def test_a_site_of_another_camera_is_refused(flown, tmp_path):
         prepare_located(mission, tmp_path, lambda done, text: None)
     assert str(caught.value) == (
         f"site {flown.out / 'site'}: its camera has 640x480 px and hangs at (0.24, -0.78, 3.32) m, the "
-        "mission's has 640x480 px and hangs at (0.50, -0.78, 3.32) m, turned by 0.0 deg; leave `site` out to have it "
-        "taught, or put the site's camera into [ceiling]"
+        "mission's has 640x480 px and hangs at (0.50, -0.78, 3.32) m, turned by 0.0 deg; leave `site` out to "
+        "have it taught, or put the site's camera into [ceiling]"
     )
 
 

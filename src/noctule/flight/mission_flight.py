@@ -128,9 +128,7 @@ def _attached(located: LocatedFlight | None, visual: VisualFlight | None) -> dic
 
 
 @contextmanager
-def _world(
-    mission: Mission, located: LocatedFlight | None, visual: VisualFlight | None
-) -> Iterator[Rig]:
+def _world(mission: Mission, located: LocatedFlight | None, visual: VisualFlight | None) -> Iterator[Rig]:
     """Give the room with the vehicle in it, its cameras open; a visual path of another room is refused."""
     seed = mission.flight.seed
     start = mission.start.pose(seed)

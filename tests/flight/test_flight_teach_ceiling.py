@@ -1,0 +1,43 @@
+"""Where the drone is put down, to teach a simulated camera."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import noctule.flight.teach_ceiling as teaching
+from noctule.flight.teach_ceiling import teach_ceiling
+from noctule.simulation.ceiling import CeilingSpec, lab_room
+from noctule.simulation.ceiling.flights import sees_whole
+
+
+def test_the_drone_stands_where_the_camera_sees_it_wherever_the_camera_hangs():
+    usual, moved = CeilingSpec(), CeilingSpec(x_m=3.0, y_m=2.0, z_m=2.8)
+    assert [place.tolist() for place in teaching._stools(0, usual)] == [list(s) for s in teaching._STOOLS]
+    elsewhere = teaching._stools(0, moved)
+    assert len(elsewhere) == len(teaching._STOOLS)
+    assert all(sees_whole(moved.camera, place) for place in elsewhere)
+    assert not all(sees_whole(moved.camera, np.array(place)) for place in teaching._STOOLS)
+
+
+def test_a_site_is_kept_for_its_camera_room_and_seed_and_only_so_many(monkeypatch):
+    taught = []
+
+    class Lesson:
+        def __init__(self, stage, seed, show):
+            taught.append((stage.spec.hull, stage.room.seed, seed))
+            self.site = taught[-1]
+
+    monkeypatch.setattr(teaching, "teach_stage", Lesson)
+    monkeypatch.setattr(teaching, "_taught", {})
+    plain, hull = CeilingSpec(), CeilingSpec(hull=True)
+    first = teach_ceiling(plain, lab_room(0), 0)
+    assert teach_ceiling(plain, lab_room(0), 0) is first
+    # A flight's colour picture teaches nothing.
+    assert teach_ceiling(CeilingSpec(colour=True), lab_room(0), 0) is first
+    for spec, room, seed in ((hull, 0, 0), (plain, 1, 0), (plain, 0, 1)):
+        assert teach_ceiling(spec, lab_room(room), seed) == (spec.hull, room, seed)
+    assert len(taught) == 4
+    teach_ceiling(hull, lab_room(1), 1)
+    assert len(teaching._taught) == 4
+    teach_ceiling(plain, lab_room(0), 0)
+    assert len(taught) == 6
