@@ -3,7 +3,8 @@
 Run: python benchmarks/bench_fusion.py
 
 filterpy and Stone Soup are run on the same measurements when they can be imported. They are no dependencies
-of noctule: install them into an environment of their own together with it. Times are the best of five rounds, and in that comparison those of the processor.
+of noctule: install them into an environment of their own together with it. Times are the best of five rounds,
+and in that comparison those of the processor.
 """
 
 from __future__ import annotations
