@@ -83,6 +83,12 @@ class Fusion:
         if self._network is not None and self._vehicle.contradicted(told, self._known(told.stamp)):
             self._network = None  # it begins anew, with the other half turn
 
+    def turn_around(self) -> None:
+        """Begin anew with the other half turn: whoever asks knows that the one held is wrong."""
+        self._vehicle.turn()
+        self._vehicle.turns += 1
+        self._network = None
+
     def faced(self, pose: PoseMeasurement) -> PoseMeasurement:
         """Return the pose or its half turn, whichever is nearer to what is known of the heading.
 

@@ -75,6 +75,8 @@ class LocatedPilot:
             return self._search(observation, estimate, sent, dt)
         facts = senses.facts(now, estimate, self._settled)
         self.guard = judge(self.guard, facts, self.settings.doubt)
+        if facts.jump > self.settings.doubt.jump_m:
+            self.follower.forget()  # where it hovered was somewhere else
         wanted = np.zeros(4)
         if estimate is not None and self.doubt is not Doubt.LAND:
             wanted = self._follow(estimate, observation, sent)

@@ -15,6 +15,7 @@ from noctule.localization.located import Located
 from noctule.localization.tracker import Prediction
 from noctule.messages import DepthFrame, Observation, PoseMeasurement
 from noctule.pilots.doubt import Facts
+from noctule.pilots.way_flown import WayFlown
 
 _NO_FRAME = "no picture of it comes"
 _NOT_BELIEVED = "what it saw was too far from where the drone must be"
@@ -45,6 +46,7 @@ class Senses:
     _why: str = field(default="nothing was looked at yet")  # since when nothing was taken
     _last: float = math.nan  # [s], the last tick
     _turns: int = 0
+    _way: WayFlown = field(default_factory=WayFlown)
 
     def observe(self, observation: Observation, acted: Array) -> None:
         """Take in a tick; `acted` (4,) is the command that acts since the last one, with any push."""
@@ -56,11 +58,15 @@ class Senses:
         if state.stamp > self._reported:
             self._reported = state.stamp
             self.fusion.report(state, now)
+            held = self.fusion.prediction(state.stamp)
+            if held is not None:
+                self._way.told(state.stamp, state.v_body, held.pose.yaw)
         if depth is not None and depth.stamp > self._frame:
             self._frame = depth.stamp
             self._look(self.locator.step(depth, self.fusion.prediction(depth.stamp)), now)
         if self.fusion.turns != self._turns:
             self._turns, self.turned, self.poses = self.fusion.turns, True, 0
+            self._way.forget()
 
     def estimate(self, now: float) -> StateEstimate | None:
         """Return what is known at `now` [s]; None before the fusion has begun."""
@@ -98,6 +104,8 @@ class Senses:
         if pose is None:
             self._why, self.poses = located.reason, 0
             return
+        if self.fusion.begun and self._way.contradicted(pose.stamp, pose.position):
+            self.fusion.turn_around()
         before, refused = self.fusion.prediction(pose.stamp), self._refused()
         self.fusion.pose(pose, located.heading_certain, now)
         after = self.fusion.prediction(pose.stamp)
