@@ -67,9 +67,14 @@ class LocatedLog:
         return self.true if self.has_truth else self.fused
 
     @property
+    def begun(self) -> NDArray[np.bool_]:
+        """The ticks from the path's beginning to its end, (n,)."""
+        return np.array([phase in _ON_PATH for phase in self.phases], dtype=bool)
+
+    @property
     def on_path(self) -> NDArray[np.bool_]:
         """The ticks on the path and its stops, but none while it hovers in doubt or lands, (n,)."""
-        flying = np.array([phase in _ON_PATH for phase in self.phases], dtype=bool)
+        flying = self.begun
         return np.asarray(flying & np.array([doubt not in _NOT_FLOWN for doubt in self.doubts], dtype=bool))
 
     @property

@@ -89,7 +89,7 @@ def control_figure(log: FlightLog) -> Figure | None:
     cross = 1e3 * located.cross_track()
     heights = (1.8, 1.8, 1.5) if np.isfinite(cross).any() else (1.8, 1.5)
     figure, axes = time_panels(heights, log.span)
-    off, on = located.off, np.isfinite(located.path_time)
+    off, on = located.off, located.begun
     if len(axes) == 3:
         _draw_cross_track(axes[0], located, cross)
     for i, name in enumerate(_WORLD):
