@@ -81,7 +81,7 @@ def pretended(noctule, monkeypatch):
         def step(self, frame):
             return self.script.pop(0)
 
-    monkeypatch.setattr("noctule.localization.locator.Locator", Scripted)
+    monkeypatch.setattr("noctule.localization.site.Locator", Scripted)
     noctule.made = made
     return noctule
 
