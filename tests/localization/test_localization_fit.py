@@ -175,6 +175,11 @@ def test_more_that_is_seen_is_never_worth_less():
     ).all()
 
 
+def test_an_even_shape_is_astray_nowhere():
+    p = np.maximum(shape(), shape()[::-1, ::-1])
+    np.testing.assert_allclose(Matcher.of(made(p)).astray, 0.0, atol=1e-6)
+
+
 def test_right_headings_fit_best_among_quarter_turns(matcher):
     seen = evidence(shape(0.0, 0.0, 0.1))
     losses = [matcher.quarter_contrast(seen, np.array([0.0, 0.0, 0.1 + k * math.pi / 2.0])) for k in range(4)]

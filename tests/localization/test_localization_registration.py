@@ -21,6 +21,7 @@ from noctule.localization import fitting, placing
 from noctule.localization.evidence import Grid, gather
 from noctule.localization.registration import ALL, Scene, acquire, align, register
 from noctule.localization.template import Template, TemplateError, TemplateSums, build_template, finish
+from noctule.localization.tracker import turned
 
 ANGLES = st.floats(-3.0, 3.0)
 
@@ -197,11 +198,32 @@ def test_without_a_heading_it_is_found_up_to_a_half_turn(yaw):
     assert abs(wrap_angle(2.0 * (found.pose.yaw - yaw))) < 0.15
 
 
-def test_the_half_turn_fits_worse_and_says_so():
-    right = register(scene(drone(HOME)), HOME)
-    wrong = register(scene(drone(HOME)), Pose(HOME.position, HOME.yaw + math.pi))
-    assert right.half_turn > 5.0
-    assert wrong.half_turn == pytest.approx(-right.half_turn, rel=0.2)
+def test_right_and_wrong_headings_say_as_much_and_the_opposite():
+    rng = np.random.default_rng(4)
+    right, wrong = [], []
+    for i in range(8):
+        true = random_pose(rng)
+        s = scene(drone(true), seed=40 + i)
+        right.append(register(s, true).half_turn)
+        wrong.append(register(s, Pose(true.position, wrap_angle(true.yaw + math.pi))).half_turn)
+    assert np.mean(right) > 5.0
+    assert np.mean(wrong) == pytest.approx(-np.mean(right), rel=0.3)
+
+
+def test_poses_with_the_wrong_heading_are_astray_as_the_template_says():
+    rng = np.random.default_rng(6)
+    off = []
+    for i in range(12):
+        true = random_pose(rng)
+        wrong = turned(true)
+        found = register(scene(drone(true), seed=80 + i), wrong).pose
+        at = wrong.R_world_body.T @ (found.position - true.position)
+        off.append([*at[:2], found.pitch - wrong.pitch])
+    ahead, aside, nose_down = np.mean(off, axis=0)
+    x, y, _ = matcher().astray[0]
+    assert abs(x) > 0.002
+    assert (ahead, aside) == (pytest.approx(x, abs=0.001), pytest.approx(y, abs=0.001))
+    assert nose_down == pytest.approx(-math.atan(matcher().astray[1, 1]), abs=0.001)
 
 
 @pytest.mark.parametrize("solids", [TRAY, BOX])
@@ -285,8 +307,8 @@ def test_a_surface_that_rises_to_the_nose_and_left_turns_the_body_so(yaw, roll, 
     normal = tilt(roll, pitch)[:, 2]
     slopes = np.array([0.01, -normal[0] / normal[2], -normal[1] / normal[2]])
     got = placing.moved(flat.R_world_body, flat.position, np.array([0.02, 0.0, yaw]), slopes)
-    turned = Pose(np.zeros(3), got[3], got[4], got[5]).R_world_body[:, 2]
+    normal_found = Pose(np.zeros(3), got[3], got[4], got[5]).R_world_body[:, 2]
     c, s = math.cos(yaw), math.sin(yaw)
     expected = np.array([c * normal[0] - s * normal[1], s * normal[0] + c * normal[1], normal[2]])
-    np.testing.assert_allclose(turned, expected, atol=0.012)  # slopes one after the other: second order
+    np.testing.assert_allclose(normal_found, expected, atol=0.012)  # slopes one after the other: second order
     np.testing.assert_allclose(got[:3], [0.02, 0.0, 0.01], atol=1e-12)

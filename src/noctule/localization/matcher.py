@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from noctule.geometry import Array
-from noctule.localization import fitting, misfit, scoring
+from noctule.camera import FixedCamera
+from noctule.geometry import Array, Pose
+from noctule.localization import fitting, misfit, placing, scoring
 from noctule.localization.evidence import Evidence, Grid, Map
 from noctule.localization.placing import SURFACE_SD
 from noctule.localization.stops import NoseOrTail
@@ -59,6 +60,7 @@ class Matcher:
     seen: float  # weight of all cells
     telling: Array  # (k, 6), cells that tell the quarter turns, as in `misfit.contrast`
     nose_or_tail: NoseOrTail  # what tells the half turn
+    astray: Array  # (2, 3), what a fit with the wrong heading is off by: x, y [m], heading [rad]; surface
 
     @classmethod
     def of(cls, template: Template) -> Matcher:
@@ -72,7 +74,7 @@ class Matcher:
         used = np.abs(np.concatenate([i, j]) - 0.5 * (template.grid.n - 1)).max() + 0.5
         near, wide = (2 * math.ceil(used + margin / cell) for margin in (MARGIN, WIDE))
         solid = np.asarray(np.where((p > 0.3) & (template.height != 0.0), p, 0.0), dtype=np.float32)
-        return cls(
+        matcher = cls(
             template,
             Grid(cell, near, template.grid.plane),
             Grid(cell, wide, template.grid.plane),
@@ -85,7 +87,12 @@ class Matcher:
             float(template.weight.sum()),
             _telling(template, solid),
             NoseOrTail.of(template.stops),
+            np.zeros((2, 3)),
         )
+        # Turned around over itself, seen in full.
+        at, _ = matcher.refine(p, template.weight, np.array([0.0, 0.0, math.pi]))
+        surface = matcher._surface(p, np.asarray(p * template.height, dtype=np.float32), at)
+        return replace(matcher, astray=np.array([[-at[0], -at[1], at[2] - math.pi], surface]))
 
     def search(self, share: Map, trust: Map, headings: Array, reach: int) -> tuple[Array, Array]:
         """Return for each heading [rad] the best shift up to `reach` steps, (k, 3), and scores (k,)."""
@@ -123,13 +130,30 @@ class Matcher:
 
     def quarter_contrast(self, seen: Evidence, pose: Array) -> float:
         """Return the misfit at a pose (3,) of the cells that tell it from its quarter turns."""
-        t, surface, cells = self.template, np.zeros(3), np.empty((seen.drone.size, 4))
-        count = fitting.surface_cells(seen.drone, seen.height, self.solid, t.height, t.grid.cell, pose, cells)
-        fitting.fit_surface(cells[:count], _HOLD, surface)
         return misfit.contrast(
-            seen.share, seen.trust, seen.drone, seen.height, self.telling, t.grid.cell, pose, surface,
-            _relief_sd(seen.distance),
+            seen.share, seen.trust, seen.drone, seen.height, self.telling, self.template.grid.cell, pose,
+            self._surface(seen.drone, seen.height, pose), _relief_sd(seen.distance),
         )  # fmt: skip
+
+    def against_half_turn(
+        self, depth: NDArray[np.uint16], nearest: NDArray[np.uint16], camera: FixedCamera, pose: Pose
+    ) -> float:
+        """Return the log-likelihood ratio of a pose that was found against its half turn.
+
+        With the wrong heading it was found a little astray, where that fits best; asked half way back from
+        there, right and wrong are off by the same and say as much.
+        """
+        x, y, z, yaw, roll, pitch = placing.moved(
+            pose.R_world_body, pose.position, -0.5 * self.astray[0], -0.5 * self.astray[1]
+        )
+        between = Pose(np.array([x, y, z]), yaw, roll, pitch)
+        return self.nose_or_tail.evidence(depth, nearest, camera, between)
+
+    def _surface(self, drone: Map, height: Map, pose: Array) -> Array:
+        t, out, cells = self.template, np.zeros(3), np.empty((drone.size, 4))
+        count = fitting.surface_cells(drone, height, self.solid, t.height, t.grid.cell, pose, cells)
+        fitting.fit_surface(cells[:count], _HOLD, out)
+        return out
 
 
 def _relief_sd(distance: float) -> float:

@@ -123,7 +123,7 @@ def _completed(scene: Scene, view: Evidence, at: Array, information: Array, fit:
         min(fit.seen / matcher.seen, 1.0),
         fit.outline,
         fit.relief,
-        matcher.nose_or_tail.evidence(scene.depth, scene.nearest, scene.camera, pose),
+        matcher.against_half_turn(scene.depth, scene.nearest, scene.camera, pose),
     )
 
 

@@ -12,7 +12,8 @@ from noctule.localization.gathering import BELOW, Map
 from noctule.vision.homography.compiled import compiled
 
 _SLACK = 0.03  # [m], a reading so far over the highest or under the lowest layer still stopped in it
-_PER_CELL = 2.0  # readings along a cell's sides at least; nearer drones are read in strides
+# readings along a cell's sides at least; nearer drones are read in strides
+_PER_CELL_U, _PER_CELL_V = 2.0, 1.0
 _NOWHERE = 1e6  # [m], where a ray stopped of which nothing is known
 _BELOW_ALL = -1e6  # [m], where one stopped that passed all layers
 
@@ -63,8 +64,8 @@ def window(
 
 
 @compiled
-def _stride(cell: float, fx: float, fy: float, depth: float) -> int:
-    return max(1, int(cell * min(fx, fy) / (_PER_CELL * depth)))
+def _strides(cell: float, fx: float, fy: float, depth: float) -> tuple[int, int]:
+    return max(1, int(cell * fx / (_PER_CELL_U * depth))), max(1, int(cell * fy / (_PER_CELL_V * depth)))
 
 
 @compiled
@@ -106,11 +107,11 @@ def count_stops(
     if left == right or top == bottom:
         return
     fx, fy, cx, cy = intrinsics
-    stride = _stride(cell, fx, fy, there)
-    rays = stride * stride
-    for v in range(top, bottom, stride):
+    stride_u, stride_v = _strides(cell, fx, fy, there)
+    rays = stride_u * stride_v
+    for v in range(top, bottom, stride_v):
         y = (v - cy) / fy
-        for u in range(left, right, stride):
+        for u in range(left, right, stride_u):
             x = (u - cx) / fx
             falls = E[2, 0] * x + E[2, 1] * y + E[2, 2]
             if falls >= 0.0:
@@ -145,26 +146,27 @@ def weigh_stops(
     high: float,
     box: Array,
     weights: Map,
+    crossed: NDArray[np.bool_],
 ) -> float:
     """Return the sum over rays of the weights of the cells that they pass and stop in.
 
     `weights` (a, b, m, 2), for a ray that passes and for one that stops, are of the cells in `box` (3, 2)
-    [m]; all layers reach from `low` to `high` [m]. `E` as for `window`.
+    [m]; all layers reach from `low` to `high` [m]. `crossed` (a, b) is where rays through the middle of the
+    box can meet a weight. `E` as for `window`.
     """
     a, b, m = weights.shape[0], weights.shape[1], weights.shape[2]
     left, right, top, bottom, there = window(depth.shape, intrinsics, E, box)
     if left == right or top == bottom:
         return 0.0
     fx, fy, cx, cy = intrinsics
-    stride = _stride(cell, fx, fy, there)
+    stride_u, stride_v = _strides(cell, fx, fy, there)
     inverse = 1.0 / cell
     floor, middle = box[2, 0], 0.5 * (box[2, 0] + box[2, 1]) - E[2, 3]
-    aside = 0.5 * (box[2, 1] - box[2, 0]) * inverse
     i0, j0 = (E[0, 3] - box[0, 0]) * inverse, (E[1, 3] - box[1, 0]) * inverse
     total = 0.0
-    for v in range(top, bottom, stride):
+    for v in range(top, bottom, stride_v):
         y = (v - cy) / fy
-        for u in range(left, right, stride):
+        for u in range(left, right, stride_u):
             x = (u - cx) / fx
             falls = E[2, 0] * x + E[2, 1] * y + E[2, 2]
             if falls >= 0.0:
@@ -173,8 +175,7 @@ def weigh_stops(
             along_i = (E[0, 0] * x + E[0, 1] * y + E[0, 2]) * scale
             along_j = (E[1, 0] * x + E[1, 1] * y + E[1, 2]) * scale
             fi, fj = i0 + middle * along_i, j0 + middle * along_j
-            out_i, out_j = aside * abs(along_i) * cell, aside * abs(along_j) * cell
-            if fi < -out_i or fj < -out_j or fi >= a + out_i or fj >= b + out_j:
+            if fi < 0.0 or fj < 0.0 or fi >= a or fj >= b or not crossed[int(fi), int(fj)]:
                 continue
             stop = _stop(depth[v, u], nearest[v, u], E[2, 3], falls, low, high)
             if stop == _NOWHERE:
@@ -186,4 +187,4 @@ def weigh_stops(
                 if fi < 0.0 or fj < 0.0 or fi >= a or fj >= b:
                     continue
                 total += weights[int(fi), int(fj), k, 1 if k == last else 0]
-    return total * stride * stride
+    return total * stride_u * stride_v

@@ -8,6 +8,7 @@ of a frame for the heading held, against the half turn, is then a sum over its r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -27,8 +28,12 @@ _RAYS = 100.0  # that a top view alone counts for, in each cell
 _BLUR = 0.7  # [cells], of the counts: poses and depths err by about as much
 _PRIOR, _USUAL = 2.0, 0.3  # rays that a cell counts for before it was seen, and how many of them stop
 _LEAST, _MOST = 0.02, 0.95  # probabilities of stopping: bound what one ray can say
-_TELLING_BLUR, _TELLING = 1.0, 0.1  # [cells], difference of probability between nose and tail that tells
+_TELLING_BLUR = 1.0  # [cells]
+# differences of probability between nose and tail that tell, beside one that is clear: where the axis that
+# the halves are turned about is off by a millimetre, all edges differ by a tenth
+_TELLING, _CLEAR = 0.1, 0.2
 _KNOWN = 30.0  # rays, in a cell and its neighbours' place, that tell
+_STEEPEST = 0.7  # slope of a ray, against the body's z, that is still followed through all of them
 _TOGETHER = 12.0  # neighbouring pixels that err as one
 
 
@@ -79,6 +84,7 @@ class NoseOrTail:
     stops: Stops
     box: Array  # (3, 2) [m], low and high along x, y, z of these cells; empty when there are none
     weights: Map  # (a, b, m, 2), log-likelihood ratio of a ray that passes, and of one that stops there
+    crossed: NDArray[np.bool_]  # (a, b), where a ray crosses the middle layer that can meet such a cell
 
     @classmethod
     def of(cls, stops: Stops) -> NoseOrTail:
@@ -92,24 +98,31 @@ class NoseOrTail:
         rays = _blurred(rays, _TELLING_BLUR)
         share = _blurred(hits, _TELLING_BLUR) / np.maximum(rays, 1e-3)
         known = (rays > _KNOWN) & (_around(rays) > _KNOWN)
-        tells = known & (np.abs(share - _around(share)) > _TELLING)
+        difference = np.where(known, np.abs(share - _around(share)), 0.0)
+        tells = (difference > _TELLING) & _beside(difference > _CLEAR, difference > _TELLING)
         weights = np.where(tells[..., None], logs - _around(logs), 0.0).astype(np.float32)
         if not tells.any():
-            return cls(stops, np.zeros((3, 2)), weights[:0])
-        first = [int(axis.min()) for axis in np.nonzero(tells)]
-        past = [int(axis.max()) + 1 for axis in np.nonzero(tells)]
-        part = np.ascontiguousarray(weights[tuple(slice(i, j) for i, j in zip(first, past, strict=True))])
+            return cls(stops, np.zeros((3, 2)), weights[:0], tells[:0, :, 0])
+        first, past = (np.array([f(axis) for axis in np.nonzero(tells)]) for f in (np.min, np.max))
+        past += 1
+        reach = math.ceil(_STEEPEST * 0.5 * (past[2] - first[2]) * stops.layer / stops.cell)
+        first[:2] = np.maximum(first[:2] - reach, 0)
+        past = np.minimum(past + np.array([reach, reach, 0]), tells.shape)
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        crossed = cv2.dilate(np.asarray(tells.any(axis=2), dtype=np.uint8), disc) > 0
+        part = tuple(slice(i, j) for i, j in zip(first, past, strict=True))
         half = 0.5 * len(stops.hits) * stops.cell
         low, size = np.array([-half, -half, stops.bottom]), np.array([stops.cell, stops.cell, stops.layer])
-        return cls(stops, np.column_stack([low + size * first, low + size * past]), part)
+        box = np.column_stack([low + size * first, low + size * past])
+        return cls(stops, box, np.ascontiguousarray(weights[part]), np.ascontiguousarray(crossed[part[:2]]))
 
     def evidence(
         self, depth: NDArray[np.uint16], nearest: NDArray[np.uint16], camera: FixedCamera, pose: Pose
     ) -> float:
         """Return the log-likelihood ratio of a pose against its half turn, of one frame.
 
-        `depth`, `nearest` (h, w) [mm]. Both turn about the body's origin, where its halves are alike: two
-        poses refined apart differ by more than nose and tail do.
+        `depth`, `nearest` (h, w) [mm]. The half turn is about the body's origin, where its halves are alike:
+        two poses refined apart differ by more than nose and tail do.
         """
         s = self.stops
         if not len(self.weights):
@@ -117,8 +130,9 @@ class NoseOrTail:
         high = s.bottom + s.hits.shape[2] * s.layer
         E = _to_body(camera, pose)
         total = weigh_stops(
-            depth, nearest, _pinhole(camera), E, s.cell, s.layer, s.bottom, high, self.box, self.weights
-        )
+            depth, nearest, _pinhole(camera), E, s.cell, s.layer, s.bottom, high, self.box, self.weights,
+            self.crossed,
+        )  # fmt: skip
         return total / _TOGETHER
 
 
@@ -134,6 +148,13 @@ def _pinhole(camera: FixedCamera) -> tuple[float, float, float, float]:
 def _around(cells: Array) -> Array:
     """Return the cells half a turn about the body's z."""
     return cells[::-1, ::-1]
+
+
+def _beside(clear: NDArray[np.bool_], perhaps: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the columns (n, n, 1) of `perhaps` (n, n, m) that hang together with one of `clear`."""
+    _, pieces = cv2.connectedComponents(np.asarray(perhaps.any(axis=2), dtype=np.uint8))
+    held = np.unique(np.asarray(pieces)[clear.any(axis=2)])
+    return np.asarray(np.isin(pieces, held[held > 0])[..., None])
 
 
 def _blurred(cells: NDArray[Any], sd: float) -> Array:
