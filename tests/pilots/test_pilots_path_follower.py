@@ -26,7 +26,7 @@ from noctule.estimation.filter_state import StateEstimate
 from noctule.estimation.vehicle_model import VehicleModel
 from noctule.geometry import wrap_angle
 from noctule.messages import Command
-from noctule.pilots.path_follower import FollowerError, FollowerSettings, FollowPhase, PathFollower
+from noctule.pilots.path_follower import Conduct, FollowerError, FollowerSettings, FollowPhase, PathFollower
 
 KINDS = ("tilt", "identified", "first_order")
 HERE = FollowerSettings(go_to_start=False)
@@ -273,6 +273,58 @@ def test_an_estimate_that_is_not_finite_is_refused_and_leaves_no_trace():
     assert str(caught.value) == ("follower: the estimate at 0.03 s is not finite; hover until it is again")
     commands = [follower.step(at(0.06, x), 0.06)[0] for follower in followers]
     assert commands[0] == commands[1]
+
+
+def flown_straight(conducts, **more):
+    """Fly a line with a perfect vehicle, each conduct for a second; return its states and reports."""
+    made = plan(line((0, 0, 1), (9, 0, 1)), SpeedSettings(cruise=0.3), FixedHeading(0.0))
+    follower = PathFollower(made, VehicleModel.velocity_loop(0.3), np.ones(4), HERE, **more)
+    x, states, reports = np.array([0.0, 0, 1, 0, 0, 0, 0, 0]), [], []
+    for k in range(30 * len(conducts)):
+        nu, report = follower.step(at(k / 30, x), k / 30, conduct=conducts[k // 30])
+        x = x.copy()
+        x[4:] += (1.0 - math.exp(-1 / 9)) * (nu.as_array() - x[4:])
+        x[:4] += x[4:] / 30
+        states.append(x)
+        reports.append(report)
+    return np.array(states), reports
+
+
+def test_the_pace_scales_the_speed_and_nothing_else():
+    states, reports = flown_straight([Conduct()] * 3 + [Conduct(pace=0.4)] * 3)
+    assert states[85, 4] == pytest.approx(0.3, abs=0.01)
+    assert states[-1, 4] == pytest.approx(0.12, abs=0.01)
+    assert np.abs(states[:, 1]).max() < 1e-6
+    assert reports[-1].path_time == pytest.approx(6.0 - 1 / 30)
+
+
+def test_it_hovers_where_it_comes_to_rest_and_goes_on_from_there_without_a_dash():
+    states, reports = flown_straight([Conduct()] * 3 + [Conduct(pace=0.0, hover=True)] * 3 + [Conduct()] * 2)
+    spot = reports[91].wanted
+    assert 0.02 < spot[0] - states[89, 0] < 0.2  # ahead, as far as it takes to brake
+    np.testing.assert_allclose(states[179, :3], spot[:3], atol=0.005)
+    assert states[90:180, 4].min() > -0.02  # it does not come back for it
+    assert np.diff(states[180:, 4]).max() < 0.5 / 30 * 1.5
+    assert states[-1, 4] > 0.25
+    assert all(r.hovering for r in reports[90:180])
+
+
+def test_what_it_does_not_trust_it_does_not_fly_back_to():
+    made = plan(line((0, 0, 1), (9, 0, 1)), SpeedSettings(cruise=0.3), FixedHeading(0.0))
+    asked = []
+    for trust in (1.0, 0.5, 0.0):
+        follower = PathFollower(made, VehicleModel.velocity_loop(0.3), np.ones(4), HERE)
+        follower.step(at(0.0, [1.0, 0, 1, 0, 0, 0, 0, 0]), 0.0, conduct=Conduct(0.0, True))
+        moved = at(1 / 30, [1.0, 0.02, 1, 0, 0, 0, 0, 0])
+        asked.append(follower.step(moved, 1 / 30, conduct=Conduct(0.0, True, trust))[0].left)
+    assert asked[0] < asked[1] < asked[2] == 0.0
+
+
+def test_it_ends_after_its_time_and_holds_where_it_then_is():
+    states, reports = flown_straight([Conduct()] * 5, end_after=2.0)
+    assert next(r.path_time for r in reports if r.finished) == pytest.approx(2.0, abs=0.034)
+    assert abs(states[-1, 4]) < 0.01
+    np.testing.assert_allclose(states[-1, :3], reports[-1].wanted[:3], atol=0.005)
 
 
 COMPILING = """

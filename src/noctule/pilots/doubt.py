@@ -8,7 +8,7 @@ flickers does not make it dash and brake; from landing nothing leads back.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from noctule.messages import Doubt
 from noctule.pilots.doubt_reasons import (
@@ -108,11 +108,6 @@ def judge(guard: Guard, facts: Facts, settings: DoubtSettings) -> Guard:
         since=since,
         well_since=well,
     )
-
-
-def begun_anew(guard: Guard, stamp: float) -> Guard:
-    """Return the guard of a pilot whose estimate began a moment ago."""
-    return replace(guard, stamp=stamp, well_since=math.nan)
 
 
 def _by_age(age: float, limits: Ages) -> Doubt:
