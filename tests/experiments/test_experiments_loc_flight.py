@@ -135,10 +135,10 @@ def test_means_and_extremes_of_flights_and_the_shares_of_their_outcomes():
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """Fly the first seconds of loc-1 with everything in it; pushed after two."""
+    """Fly the first seconds of loc-1; it is pushed after 3 s of the path."""
     one = mission("loc-1", 5, seconds=6.0)
     (push, *_) = one.vehicle.pushes
-    sooner = push.model_copy(update={"time_s": BEGIN + 3.0})
+    sooner = push.model_copy(update={"time_s": 1.0 / 30.0 + BEGIN + 3.0})
     one = one.model_copy(update={"vehicle": one.vehicle.model_copy(update={"pushes": (sooner,)})})
     return fly_mission(one, 5, tmp_path_factory.mktemp("loc-1"), progress=False).summary
 
@@ -161,3 +161,11 @@ def test_a_short_flight_keeps_to_the_path_and_comes_back_after_a_push(flown):
 def test_what_belongs_to_visual_paths_is_not_told(flown):
     assert "epsilon_px" in flown
     assert not {"epsilon_px", "laps", "position_error_m", "cross_track_max"} & set(judged(flown))
+
+
+def test_commands_that_are_long_on_their_way_still_fly(tmp_path):
+    # Longer than a command is valid, and than a hand could steer with.
+    late = mission("loc-1", 5, seconds=5.0, command_delay=0.3)
+    found = judged(fly_mission(late, 5, tmp_path, progress=False).summary)
+    assert found["outcome"] == "completed", found
+    assert found["cross_track_mean_m"] < 0.05

@@ -32,6 +32,7 @@ from noctule.pilots.handover import HandoverPilot
 from noctule.simulation import SimulatedWorld
 
 _PACKAGES = ("noctule", "numpy", "opencv-python-headless", "mujoco", "numba", "foxglove-sdk")
+_VALID = 0.25  # [s], of a command on arrival
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +84,8 @@ def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
         mission.flight.rate_hz,
         mission.flight.time_limit_s,
         mission.flight.match_delay_s,
+        # Its time runs from sending: one that is late on its way must not have expired when it arrives.
+        valid_for_s=_VALID + (0.0 if located is None else mission.known_vehicle.delay_s),
         land_at_end=mission.flight.land,
         land_when_lost=located is not None,
         height=mission.start.z,

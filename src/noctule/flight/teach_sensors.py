@@ -46,7 +46,8 @@ def teach_sensors(vehicle: VehicleSpec, seed: int) -> Sensors:
     """
     if vehicle.navdata is None:
         return Sensors()
-    calm = vehicle.model_copy(update={"pushes": (), "gusts": 0.0})
+    # Late commands say nothing of the reports, and with both delays the hand could not hold the vehicle.
+    calm = vehicle.model_copy(update={"pushes": (), "gusts": 0.0, "command_latency": 0.0})
     return _calibrated(calm.model_dump_json(), seed)
 
 
