@@ -1,8 +1,8 @@
 """Which of two headings half a turn apart is right: log-likelihood ratios summed over frames.
 
-A single frame with a hull is wrong in one of a hundred, bare hardly ever. Frames seen from one side err
-together, so none counts for much. The sum is bounded, so that a slip after an hour of certainty is noticed as
-fast as one after a second.
+A single frame is wrong in one to three of a hundred. Frames seen from one side err together, so none counts
+for much. The sum is bounded, so that a slip after an hour of certainty is noticed as fast as one after a
+second.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from enum import StrEnum
 
 CERTAIN = 9.0  # that decides: three usual frames, one wrong in 8000 if they erred apart
 MOST = 13.0  # more is not kept: from here to a slip noticed, -CERTAIN, it takes eight usual frames
-_PER_FRAME = 3.0  # one frame does not say more; usual ones say twice to eight times that
+_PER_FRAME = 3.0  # one frame does not count for more; usual ones say twice that
 
 
 class Facing(StrEnum):
