@@ -17,7 +17,7 @@ EMPTY = SensorLog(Path("s.mcap"), (), (), (), (), 12)
 
 @pytest.fixture
 def site():
-    detectors = SimpleNamespace(band=None)  # all of a plausible size are tried
+    detectors = SimpleNamespace(named=lambda _: None)  # all of a plausible size are tried
     return Site(SiteCamera(CAMERA), background(), detectors, template())
 
 
