@@ -174,6 +174,20 @@ def test_a_camera_that_was_tilted_by_two_degrees_is_named(tilt):
     )
 
 
+def test_a_board_before_the_camera_is_not_taken_for_a_moved_camera():
+    covered = floor()
+    covered[:, 20:] = np.minimum(covered[:, 20:], 1500)
+    share = 100 * 18 / 20  # of every 16th column
+    assert check_camera(DepthFrame(0.0, covered), learned()) == (
+        f"covered view: {share:.0f} % of what the camera sees is far nearer than the empty room, expected at "
+        "most 60 %; clear its view"
+    )
+
+
+def test_a_camera_that_sank_is_moved_and_not_covered():
+    assert name_of(check_camera(DepthFrame(0.0, floor() - np.uint16(100)), learned())) == "moved camera"
+
+
 def test_the_camera_is_looked_after_twice_a_second_and_forgiven_at_once():
     health = FrameHealth(CAMERA, learned())
     tilted, level = floor(np.radians(3.0)), floor()

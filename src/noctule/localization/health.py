@@ -26,6 +26,9 @@ _NEAR = 1.5  # a usual depth within this factor of the room's in another unit is
 _LOOK_EVERY = 0.5  # [s], how often the camera is looked after
 
 MOVED = "moved camera"
+COVERED = "covered view"
+MOST_COVERED = 0.6  # of the readings that may be far before the room: people and boxes cover less
+_FAR_BEFORE = 300.0  # [mm]; a camera hangs lower by less
 MOST_UNUSABLE = 0.2  # of the frames that something is learned from
 
 
@@ -133,11 +136,20 @@ def check_camera(frame: DepthFrame, background: Background) -> str:
     """Return why the background no longer fits a frame that `check_frame` found sound, "" when it does.
 
     One frame tells, because what moves about in the room has no say; 1.5 ms. A camera that turned about the
-    vertical or moved sideways over a bare level floor sees the same, and is not found.
+    vertical or moved sideways over a bare level floor sees the same, and is not found. Where most of the
+    room is hidden by something nearer, nothing can be said of where the camera hangs.
     """
     fit = fits(background, frame.depth)
     if fit >= MIN_FIT:
         return ""
+    before = frame.depth[::_STRIDE, ::_STRIDE] < background.mean[::_STRIDE, ::_STRIDE] - _FAR_BEFORE
+    seen = frame.depth[::_STRIDE, ::_STRIDE] > 0
+    covered = float(np.count_nonzero(before & seen)) / max(int(np.count_nonzero(seen)), 1)
+    if covered > MOST_COVERED:
+        return (
+            f"{COVERED}: {100.0 * covered:.0f} % of what the camera sees is far nearer than the empty room, "
+            f"expected at most {100.0 * MOST_COVERED:.0f} %; clear its view"
+        )
     return (
         f"{MOVED}: {100.0 * fit:.0f} % of the background that can be seen is where it was learned, expected "
         f"at least {100.0 * MIN_FIT:.0f} %; put the camera back, or calibrate it and learn the "

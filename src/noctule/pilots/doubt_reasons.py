@@ -15,6 +15,7 @@ _UNSEEN = {
     "no drone in view": "nothing in view looks like it",
     "confirming": "it has just come into view again",
     "moved camera": "the camera is no longer where it was calibrated",
+    "covered view": "something is held before it",
     "wrong resolution": "its pictures have another size",
     "wrong unit": "its depth comes in another unit",
     "all zero": "no pixel has a depth",
