@@ -103,6 +103,19 @@ class FixedCamera:
         """Project world points (n, 3) [m], which must lie before the camera, to pixels (n, 2): eq. (19)."""
         return self.intrinsics.project(self.to_camera(x_world))
 
+    def inside(self, x_world: Array) -> Array:
+        """Return how far (n,) [m] points (n, 3) are from the planes through the eye and the picture's edges.
+
+        It is negative for points outside of the picture, and for those behind the camera.
+        """
+        k = self.intrinsics
+        m = k.normalise(np.array([[-0.5, -0.5], [k.width - 0.5, k.height - 0.5]]))
+        normals = np.array(
+            [[1.0, 0.0, -m[0, 0]], [-1.0, 0.0, m[1, 0]], [0.0, 1.0, -m[0, 1]], [0.0, -1.0, m[1, 1]]]
+        )
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.asarray((self.to_camera(x_world) @ normals.T).min(axis=1))
+
 
 def _published_ceiling_camera() -> FixedCamera:
     # Printed rows take world to camera coordinates, in millimetres; they are orthonormal to 1e-6 only.

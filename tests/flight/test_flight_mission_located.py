@@ -94,7 +94,8 @@ def test_a_recorded_mission_holds_the_file_that_it_was_flown_along(tmp_path):
 
 def test_every_mistake_about_the_path_is_one_line(tmp_path):
     assert mistakes('[space_path]\nfile = "gone.csv"\n', tmp_path) == (
-        f"{tmp_path}/gone.csv: cannot be read: No such file or directory"
+        f"{tmp_path}/gone.csv: cannot be read (No such file or directory); "
+        "expected the .csv or .toml file of a path"
     )
     assert mistakes("[space_path]\nclosed = true\n") == (
         "my.toml:1: space_path: give either the file of a path or its segments"
@@ -122,6 +123,12 @@ def test_a_path_outside_of_the_fence_is_refused_with_its_place():
     )
     assert mistakes(LINE + "[fence]\nx_max = 0.5\n").endswith(
         "; expected x -2.75 to 0.5, y -3.25 to 3.25, z 0.15 to 2.75 m"
+    )
+
+
+def test_a_place_that_is_no_number_is_told_as_such():
+    assert mistakes(LINE.replace("[1.0, 0.0, 1.0]", "[1.0, nan, 1.0]")).startswith(
+        "my.toml:4: space_path.segments[0].points[1][1] is nan; expected a finite number"
     )
 
 
@@ -159,11 +166,11 @@ def test_somebody_walks_around_a_place_or_past_the_path():
 
 
 def test_boards_are_held_before_the_missions_own_camera():
-    boards = "[ceiling]\nz_m = 3.0\n[[ceiling.boards]]\nplace = [0.1, 0.2, 1.0]\n"
+    boards = "[ceiling]\nz_m = 3.3\n[[ceiling.boards]]\nplace = [0.1, 0.2, 1.0]\n"
     boards += "begin_s = 4.0\nseconds = 5.0\n"
     (board,) = mission(LINE + boards).ceiling.hidings()
     assert (board.place, board.begin, board.seconds) == ((0.1, 0.2, 1.0), 4.0, 5.0)
-    assert board.eye[2] == 3.0
+    assert board.eye[2] == 3.3
     assert board.at(2.9) is None
     assert board.at(5.0) is not None
 

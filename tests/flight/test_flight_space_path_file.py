@@ -237,7 +237,10 @@ def test_what_cannot_be_flown_is_refused_with_the_place():
 def test_files_that_cannot_be_read_are_told_apart(tmp_path):
     with pytest.raises(SpacePathFileError) as caught:
         read_space_path(tmp_path / "none.csv")
-    assert str(caught.value) == f"{tmp_path / 'none.csv'}: cannot be read: No such file or directory"
+    assert str(caught.value) == (
+        f"{tmp_path / 'none.csv'}: cannot be read (No such file or directory); "
+        "expected the .csv or .toml file of a path"
+    )
     assert fails("x", "path.yaml") == "path.yaml: found the ending '.yaml', expected .csv or .toml"
     (tmp_path / "raw.csv").write_bytes(b"x,y,z\n\xff\xfe")
     with pytest.raises(SpacePathFileError, match=r"raw\.csv: it is not UTF-8 text; save it as UTF-8$"):

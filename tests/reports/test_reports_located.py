@@ -207,6 +207,23 @@ def test_the_end_is_told_in_one_sentence(outcome, said):
     assert in_words_located(summary, 41.0) == said
 
 
+def test_a_flight_that_was_handed_over_has_both_of_its_paths_told():
+    summary = {"outcome": "reached", "duration_s": 12.4, "epsilon_px": 0.8, "cross_track_mean_m": 0.0026}
+    assert in_words_located(summary, 13.0) == (
+        "The drone reached the last image after 12.4 s. "
+        "Before that it followed its path in space, 2.6 mm from it on average."
+    )
+    lost = {"outcome": "lost", "duration_s": 12.4, "epsilon_px": 0.8, "reason": "no image"}
+    assert in_words_located(lost, 13.0) == (
+        "The drone no longer recognised its surroundings after 12.4 s: no image."
+    )
+
+
+def test_a_reason_that_ends_in_a_question_is_left_so():
+    summary = {"outcome": "lost", "duration_s": 20.0, "reason": "not found; is it in view?"}
+    assert in_words_located(summary, 20.0).endswith("after 20.0 s: not found; is it in view?")
+
+
 def test_the_table_names_the_figures_of_located_flights_in_their_units(log):
     rows = {row.label: row.value for row in flight_rows(log.summary)}
     assert rows["Distance from the path, 95th percentile"] == "8.5 mm"
@@ -287,7 +304,14 @@ def test_the_page_says_how_it_ended_and_shows_its_figures_in_millimetres(log):
 # From a recording.
 
 
-def write_flight(path, ticks: int = 8, truth: bool = True):
+def phase_of(tick: int, handed_over: int) -> str:
+    """Return the phase of a flight that stops at tick 6, and hands over in the tick before `handed_over`."""
+    if tick >= handed_over:
+        return "flying"
+    return "hand over" if tick == handed_over - 1 else "stop" if tick > 5 else "follow"
+
+
+def write_flight(path, ticks: int = 8, truth: bool = True, handed_over: int = 99):
     with FlightRecorder(path) as recorder:
         for i in range(ticks):
             stamp = 3.0 + i * TICK
@@ -305,7 +329,7 @@ def write_flight(path, ticks: int = 8, truth: bool = True):
                 (),
                 Truth(stamp, Pose(place, yaw), np.array([0.3, 0.0, 0.0]), 0.5) if truth else None,
                 sent_message(stamp, Command(), Command(), "flying", "pass", ""),
-                Decision(Command(), "stop" if i > 5 else "follow", whereabouts=known if i > 1 else None),
+                Decision(Command(), phase_of(i, handed_over), whereabouts=known if i > 1 else None),
                 1.0,
                 depth=DepthFrame(stamp - 0.04, np.zeros((4, 4), np.uint16)) if i != 3 else None,
             )
@@ -329,6 +353,21 @@ def test_what_the_pilot_held_is_read_from_the_recording(tmp_path):
     assert (located.pushes, located.path, located.walks) == ((), None, ())
     assert log.truth is not None
     assert log.truth.velocity[0].tolist() == [0.3, 0.0, 0.0]
+
+
+def test_after_a_hand_over_nothing_is_wanted_of_the_path_any_more(tmp_path):
+    log = flight_log(write_flight(tmp_path / "a.mcap", handed_over=6))
+    located = log.located
+    assert located is not None
+    assert located.handed_over == pytest.approx(located.times[6])
+    assert np.isfinite(located.wanted[:, 0]).tolist() == [False, False] + [True] * 4 + [False] * 2
+    assert np.isfinite(located.fused[6:, 0]).all()
+    figure = pose_figure(log)
+    assert figure is not None
+    assert labels(figure).count("handed over") == 1
+    never = flight_log(write_flight(tmp_path / "b.mcap", handed_over=8)).located
+    assert never is not None
+    assert np.isnan(never.handed_over)
 
 
 def test_a_real_flight_has_no_truth_in_its_log(tmp_path):

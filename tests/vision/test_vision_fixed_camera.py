@@ -1,10 +1,11 @@
 """A camera that stands in the room: pixels with depth to the world and back."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from noctule.camera import CEILING_CAMERA
+from noctule.camera import CEILING_CAMERA, FixedCamera, PinholeCamera
 
 
 def test_the_published_camera_hangs_where_the_errata_say() -> None:
@@ -30,3 +31,15 @@ def test_a_pixel_taken_to_the_world_projects_back_onto_itself(u: float, v: float
 def test_the_floor_below_the_room_s_middle_is_seen_near_the_picture_s_centre() -> None:
     p = CEILING_CAMERA.project(np.array([[0.1, 0.1, 0.0], [0.1, 0.1, 1.2]]))
     assert (np.abs(p - [320, 240]) < 120).all()
+
+
+def test_distances_inside_of_the_picture_are_those_to_its_edges():
+    k = PinholeCamera.centred(640, 480, 500.0)
+    camera = FixedCamera(k, np.eye(3), np.zeros(3))
+    slope = 320.0 / 500.0  # of the plane through the right edge
+    on_edge = np.array([2.0 * slope, 0.0, 2.0])
+    inward = np.array([-1.0, 0.0, slope]) / np.hypot(1.0, slope)
+    points = np.array([on_edge, on_edge + 0.2 * inward, on_edge - 0.3 * inward, [0.0, 0.0, -1.0]])
+    inside = camera.inside(points)
+    assert inside[:3] == pytest.approx([0.0, 0.2, -0.3], abs=1e-12)
+    assert inside[3] < 0.0

@@ -12,6 +12,7 @@ from noctule.control.paths import PathPlan
 from noctule.errors import NoctuleError
 from noctule.estimation.sensors import Sensors
 from noctule.flight.mission import Mission, check_flyable
+from noctule.flight.path_view import require_free
 from noctule.flight.teach_ceiling import Progress, teach_ceiling
 from noctule.flight.teach_sensors import teach_sensors
 from noctule.flight.visual_flight import zipped
@@ -61,6 +62,8 @@ def prepare_located(mission: Mission, out: Path, show: Progress) -> LocatedFligh
     ------
     MissionFileError, SpacePathFileError
         When the path cannot be flown.
+    UnseenPathError
+        When the camera does not see all of it, or something stands in it.
     SiteFileError, SiteFormatError, SiteCameraError, OtherCameraError
         When the site that the mission names is not one for its camera.
     """
@@ -76,6 +79,7 @@ def prepare_located(mission: Mission, out: Path, show: Progress) -> LocatedFligh
         site = load_site(folder)
         _require_same_camera(site.camera.camera, mission.ceiling.spec.camera, folder)
         sensors = load_sensors(folder) if (folder / SENSORS).exists() else Sensors()
+    require_free(site, plan, f"mission {mission.name}")
     _warm_up(mission, site, sensors, plan)
     people = tuple(person.walker(plan) for person in mission.people)
     motions: tuple[Motion, ...] = (*people, *mission.ceiling.hidings())

@@ -24,9 +24,11 @@ from noctule.flight.mission_groups import (
     StartSettings,
 )
 from noctule.flight.mission_located import CeilingSettings, PersonSettings, SpacePathSettings, model_of
+from noctule.flight.path_view import UnseenPathError, unseen
 from noctule.flight.setting_errors import explain
 from noctule.flight.supervisor import Bounds
 from noctule.flight.toml_lines import key_lines
+from noctule.geometry import Array
 from noctule.localization.vehicle_file import load_vehicle_model
 from noctule.pilots.located_settings import HandoverSettings, LocatedSettings
 from noctule.pilots.settings import PilotSettings
@@ -180,19 +182,26 @@ def check_flyable(mission: Mission, name: str) -> PathPlan:
     SpacePathFileError
         When the path asks for more than the limits, at its place on the path.
     MissionFileError
-        When it leaves the fence, never ends, or the vehicle answers too late.
+        When it, or the start, is outside of the fence, it never ends, or the vehicle answers too late.
+    UnseenPathError
+        When the ceiling camera cannot see the drone somewhere along it, or at the start.
     """
     plan = mission.space_plan(name)
     fence = mission.fence.values(mission.room)
-    position = plan.path.position
-    outside = ((position < np.array(fence.low)) | (position > np.array(fence.high))).any(axis=1)
-    if outside.any():
-        k = int(outside.argmax())
-        raise MissionFileError(
-            f"{name}: space_path: it is outside of the fence at {plan.path.place(float(plan.path.s[k]))}; "
-            f"expected x {fence.low[0]:g} to {fence.high[0]:g}, y {fence.low[1]:g} to {fence.high[1]:g}, "
-            f"z {fence.low[2]:g} to {fence.high[2]:g} m"
-        )
+    ceiling = mission.ceiling.spec
+    begin = mission.start.nominal.position
+    for position, what in ((plan.path.position, "space_path: it"), (begin[None], "start: it")):
+        outside = ((position < np.array(fence.low)) | (position > np.array(fence.high))).any(axis=1)
+        if outside.any():
+            raise MissionFileError(
+                f"{name}: {what} is outside of the fence at {_place(plan, position, int(outside.argmax()))}; "
+                f"expected x {fence.low[0]:g} to {fence.high[0]:g}, y {fence.low[1]:g} to {fence.high[1]:g}, "
+                f"z {fence.low[2]:g} to {fence.high[2]:g} m"
+            )
+        found = unseen(ceiling.camera, ceiling.nearest_m, ceiling.farthest_m, position)
+        if found is not None:
+            k, why = found
+            raise UnseenPathError(f"{name}: {what} is at {_place(plan, position, k)} {why}")
     if plan.laps is None and mission.located.end_after_s is None:
         raise MissionFileError(
             f"{name}: space_path: it is endless, and nothing ends it; give laps, or located.end_after_s"
@@ -202,6 +211,14 @@ def check_flyable(mission: Mission, name: str) -> PathPlan:
     except DelayTooLongError as error:
         raise MissionFileError(f"{name}: {error}") from None
     return plan
+
+
+def _place(plan: PathPlan, position: Array, k: int) -> str:
+    """Return in words where position k of the path, or of the one place where the flight begins, is."""
+    if len(position) > 1:
+        return plan.path.place(float(plan.path.s[k]))
+    x, y, z = position[0]
+    return f"({x:.2f}, {y:.2f}, {z:.2f})"
 
 
 def _bundled() -> dict[str, str]:

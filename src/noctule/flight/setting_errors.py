@@ -15,7 +15,7 @@ from noctule.flight.toml_lines import key_lines, line_of
 
 _TYPES = {
     "float": "a number", "int": "a whole number", "bool": "true or false", "string": "a text",
-    "tuple": "a list", "list": "a list", "dict": "a table", "model": "a table",
+    "finite": "a finite number", "tuple": "a list", "list": "a list", "dict": "a table", "model": "a table",
 }  # fmt: skip
 
 

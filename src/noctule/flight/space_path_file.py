@@ -58,7 +58,9 @@ def read_path_text(file: Path) -> str:
     except UnicodeDecodeError:
         raise SpacePathFileError(f"{file}: it is not UTF-8 text; save it as UTF-8") from None
     except OSError as error:
-        raise SpacePathFileError(f"{file}: cannot be read: {error.strerror or error}") from None
+        raise SpacePathFileError(
+            f"{file}: cannot be read ({error.strerror or error}); expected the .csv or .toml file of a path"
+        ) from None
 
 
 def space_path_of(file: Path, text: str, limits: Limits | None = None) -> PathPlan:

@@ -95,7 +95,7 @@ LOCATED = (
     Plan(
         "pose", "Position and heading",
         "As wanted, as fused, as measured by the ceiling camera and, in simulation, as true. Grey is where a "
-        "point was held; a star is a push.",
+        "point was held; a star is a push. After a hand-over nothing is wanted of the path any more.",
         pose_figure,
     ),
     Plan(

@@ -52,7 +52,7 @@ def flight_page(log: FlightLog, drawings: list[Drawing]) -> str:
         parts.append(
             html.section("Mission", text, "The file as it was given; law and seed above are what was flown.")
         )
-    tell = in_words_located if log.located is not None and not log.by_pictures else in_words
+    tell = in_words_located if log.located is not None else in_words
     words = tell(summary, log.span[1] - log.span[0])
     return html.page(
         title=f"{mission}: {outcome or 'no outcome'} - Noctule",

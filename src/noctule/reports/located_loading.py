@@ -9,6 +9,7 @@ import numpy as np
 from noctule.flight.reader import Tick
 from noctule.geometry import Array
 from noctule.messages import Whereabouts
+from noctule.pilots.handover import WARM_UP
 from noctule.reports.located_log import LocatedLog, between
 from noctule.reports.located_scene import LocatedScene
 
@@ -24,6 +25,10 @@ def located_log(flown: Sequence[Tick], start: float, scene: LocatedScene) -> Loc
     if all(w is None for w in where):
         return None
     times = np.array([t.stamp - start for t in flown])
+    phases = tuple("" if t.decision is None else t.decision.phase for t in flown)
+    handed_over = _handed_over(times, phases)
+    # From then on another pilot flies, and this one wants nothing any more.
+    wanting = [None if t >= handed_over else w for t, w in zip(times, where, strict=True)]
     at = np.array([np.nan if w is None else w.stamp - start for w in where])
     seen = [w.measured for w in where if w is not None and w.measured is not None]
     return LocatedLog(
@@ -33,9 +38,9 @@ def located_log(flown: Sequence[Tick], start: float, scene: LocatedScene) -> Loc
         velocity=np.array([_NOTHING if w is None else w.velocity for w in where]),
         position_sd=np.array([np.nan if w is None else w.position_sd for w in where]),
         yaw_sd=np.array([np.nan if w is None else w.yaw_sd for w in where]),
-        wanted=np.array([_NOTHING if w is None else w.wanted for w in where]),
+        wanted=np.array([_NOTHING if w is None else w.wanted for w in wanting]),
         path_time=np.array([np.nan if w is None else w.path_time for w in where]),
-        phases=tuple("" if t.decision is None else t.decision.phase for t in flown),
+        phases=phases,
         doubts=tuple("" if w is None else str(w.doubt) for w in where),
         doubt_reasons=tuple("" if w is None else w.doubt_reason for w in where),
         framed=np.array([t.depth_stamp is not None for t in flown]),
@@ -48,7 +53,15 @@ def located_log(flown: Sequence[Tick], start: float, scene: LocatedScene) -> Loc
         pushes=scene.pushes(start),
         path=scene.path,
         walks=scene.walks(times + start),
+        handed_over=handed_over,
     )
+
+
+def _handed_over(times: Array, phases: Sequence[str]) -> float:
+    """Return when another pilot took over [s]; NaN when none did."""
+    waiting = [k for k, phase in enumerate(phases) if phase == WARM_UP]
+    taken = waiting[-1] + 1 if waiting else len(phases)
+    return float(times[taken]) if taken < len(phases) and phases[taken] else float("nan")
 
 
 def _why(where: Whereabouts | None) -> str:

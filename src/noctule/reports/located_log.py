@@ -55,6 +55,7 @@ class LocatedLog:
     pushes: tuple[Push, ...] = ()
     path: SpacePath | None = None  # what was to be flown
     walks: tuple[Array, ...] = ()  # (n, 2) [m] each, where people were; NaN while they were not there
+    handed_over: float = float("nan")  # [s], to a pilot that flies by pictures; NaN: never
 
     @property
     def has_truth(self) -> bool:

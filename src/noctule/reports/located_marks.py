@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,11 +14,12 @@ from noctule.reports.style import FORWARD, INK, LEFT, MUTED, UP, YAW
 WANTED, TRUE, FUSED, CAMERA, VEHICLE = INK, UP, YAW, FORWARD, LEFT
 DASHES: Any = (0, (4, 3))
 PUSH = "#E69F00"
+HANDED_OVER = "#9A3412"
 _STOP = "#6b7280"
 
 
 def mark_stops_and_pushes(axes: Sequence[Axes], log: LocatedLog) -> None:
-    """Shade the stops and draw the pushes, as the paper does; the first panel names them."""
+    """Shade the stops, draw the pushes, as the paper does, and the hand-over; the first panel names them."""
     end = float(log.times[-1])
     pushes = [p for p in log.pushes if 0.0 <= p.time <= end]
     for axis in axes:
@@ -29,6 +31,10 @@ def mark_stops_and_pushes(axes: Sequence[Axes], log: LocatedLog) -> None:
                 push.time, 1.0, "*", color=PUSH, ms=8, clip_on=False, zorder=6,
                 transform=axis.get_xaxis_transform(),
             )  # fmt: skip
+        if math.isfinite(log.handed_over):
+            axis.axvline(log.handed_over, color=HANDED_OVER, lw=1.2, ls="-.", zorder=1)
+    if math.isfinite(log.handed_over):
+        axes[0].plot([], [], "-.", color=HANDED_OVER, lw=1.2, label="handed over")
     if log.stops:
         axes[0].fill_between([], [], color=_STOP, alpha=0.13, lw=0, label="holding a point")
     if pushes:

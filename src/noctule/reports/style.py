@@ -85,7 +85,8 @@ def time_panels(heights: Sequence[float], spans: tuple[float, float]) -> tuple[F
 
 def key(axis: Axes, columns: int = 1) -> None:
     """Put the legend outside on the right, where it hides no line."""
-    axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), ncols=columns)
+    if axis.get_legend_handles_labels()[0]:  # a flight that saw nothing has nothing to name
+        axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), ncols=columns)
 
 
 def encode_png(figure: Figure) -> bytes:

@@ -115,8 +115,7 @@ def in_words(summary: Mapping[str, Any], recorded_s: float) -> str:
     """Return one sentence on how the flight ended; `recorded_s` [s] is the length of the recording."""
     outcome = summary.get("outcome")
     duration = number(_finite(summary.get("duration_s"), recorded_s), "s")
-    reason = str(summary.get("reason") or "").rstrip(".")
-    because = f": {reason}." if reason else "."
+    because = _because(summary)
     if outcome == "reached":
         return f"The drone reached the last image after {duration}{_how_near(summary)}."
     sentences = {
@@ -131,12 +130,18 @@ def in_words(summary: Mapping[str, Any], recorded_s: float) -> str:
 
 
 def in_words_located(summary: Mapping[str, Any], recorded_s: float) -> str:
-    """Return what `in_words` does, of a flight whose pilot knows where it is."""
+    """Return what `in_words` does, of a flight whose pilot knows where it is.
+
+    One that came to track the points of key images was handed over, and has both told.
+    """
+    handed_over = math.isfinite(_finite(summary.get("epsilon_px"), math.nan))
+    mean = _finite(summary.get("cross_track_mean_m"), math.nan)
+    if handed_over:
+        before = f" Before that it followed its path in space, {number(1e3 * mean, 'mm')} from it on average."
+        return in_words(summary, recorded_s) + (before if math.isfinite(mean) else "")
     duration = number(_finite(summary.get("duration_s"), recorded_s), "s")
-    reason = str(summary.get("reason") or "").rstrip(".")
-    because = f": {reason}." if reason else "."
+    because = _because(summary)
     if summary.get("outcome") in ("reached", "completed"):
-        mean = _finite(summary.get("cross_track_mean_m"), math.nan)
         near = f", {number(1e3 * mean, 'mm')} from it on average" if math.isfinite(mean) else ""
         return f"The drone flew its path to the end in {duration}{near}."
     lost = f"The drone no longer knew where it was and landed after {duration}{because}"
@@ -149,6 +154,12 @@ def in_words_located(summary: Mapping[str, Any], recorded_s: float) -> str:
         "stuck": f"The drone had not flown its path to the end after {duration}{because}",
     }
     return sentences.get(str(summary.get("outcome"))) or in_words(summary, recorded_s)
+
+
+def _because(summary: Mapping[str, Any]) -> str:
+    """Return the reason and the end of the sentence; a reason may end in a mark of its own."""
+    reason = str(summary.get("reason") or "").rstrip(".")
+    return (f": {reason}" if reason else "") + ("" if reason.endswith(("?", "!")) else ".")
 
 
 def _finite(value: Any, instead: float) -> float:

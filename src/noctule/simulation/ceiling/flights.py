@@ -114,15 +114,7 @@ def _place(camera: FixedCamera, rng: np.random.Generator, heights: tuple[float, 
 
 def sees_whole(camera: FixedCamera, x: Array, radius: float = RADIUS) -> bool:
     """Return whether a ball about x (3,) [m] lies inside the picture."""
-    pinhole = camera.intrinsics
-    x_camera = camera.to_camera(x[None])[0]
-    m = pinhole.normalise(np.array([[-0.5, -0.5], [pinhole.width - 0.5, pinhole.height - 0.5]]))
-    # Planes through the eye and the picture's four edges; normals point inward.
-    normals = np.array(
-        [[1.0, 0.0, -m[0, 0]], [-1.0, 0.0, m[1, 0]], [0.0, 1.0, -m[0, 1]], [0.0, -1.0, m[1, 1]]]
-    )
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return bool((normals @ x_camera >= radius).all())
+    return bool(camera.inside(x[None])[0] >= radius)
 
 
 def _box(camera: FixedCamera, heights: tuple[float, float]) -> tuple[Array, Array]:
