@@ -55,7 +55,7 @@ class GateSettings(Settings):
 
     confidence: float = Field(0.999, gt=0.5, lt=1.0, description="share of good measurements let in")
     widening_time: float = Field(
-        0.25, gt=0.0, le=60.0, description="the limit doubles with each such time of refusals [s]"
+        0.1, gt=0.0, le=60.0, description="the limit doubles with each such time of refusals [s]"
     )
     yaw_known: float = Field(
         0.6, gt=0.0, le=3.0, description="body velocities wait until the yaw is known this well, sd [rad]"
