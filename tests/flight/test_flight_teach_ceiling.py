@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import noctule.flight.teach_ceiling as teaching
 from noctule.flight.teach_ceiling import teach_ceiling
+from noctule.localization.calibration.offset import Standing, measure_offset
+from noctule.localization.placing import slanted
 from noctule.simulation.ceiling import CeilingSpec, lab_room
 from noctule.simulation.ceiling.flights import sees_whole
 
@@ -17,6 +20,16 @@ def test_the_drone_stands_where_the_camera_sees_it_wherever_the_camera_hangs():
     assert len(elsewhere) == len(teaching._STOOLS)
     assert all(sees_whole(moved.camera, place) for place in elsewhere)
     assert not all(sees_whole(moved.camera, np.array(place)) for place in teaching._STOOLS)
+
+
+def test_the_stools_tell_what_slanting_rays_are_off_by():
+    spec, slant = CeilingSpec(), -0.01
+    eye = spec.camera.t_world_camera
+    standings = [
+        Standing(place, np.tile(place + slanted(slant, eye, place), (30, 1)))
+        for place in teaching._stools(0, spec)
+    ]
+    assert measure_offset(standings, eye).slant == pytest.approx(slant, abs=2e-4)
 
 
 def test_a_site_is_kept_for_its_camera_room_and_seed_and_only_so_many(monkeypatch):

@@ -18,8 +18,11 @@ from noctule.localization.calibration.offset import (
     measure_offset,
     on_floor,
 )
+from noctule.localization.placing import slanted
 from noctule.messages import PoseMeasurement
 
+EYE = np.array([0.2, -0.8, 3.3])
+ASIDE = ((0.1, -0.7), (-0.4, 0.0), (0.6, 0.5), (-0.3, 1.0), (0.4, 1.3))
 BIAS = np.array([0.004, -0.003, 0.027])
 
 
@@ -61,6 +64,54 @@ def test_any_offset_is_found_and_taken_out(bias, height):
     answer = corrected(measurement, found.bias)
     np.testing.assert_allclose(answer.position, place, atol=1e-12)
     assert (answer.stamp, answer.yaw, answer.source) == (2.0, 0.5, "registration")
+
+
+def seen_from(eye, places, slant, bias=BIAS, height=0.7, noise=0.0, known=(True, True)):
+    standings = []
+    for number, (x, y) in enumerate(places):
+        true = np.array([x, y, height])
+        spread = np.random.default_rng(number).normal(0.0, noise, (60, 3))
+        at = true + bias + slanted(slant, eye, true + bias) + spread
+        standings.append(Standing(np.where([*known, True], true, np.nan), at))
+    return standings
+
+
+@given(st.floats(-0.012, 0.012), st.lists(st.floats(-0.03, 0.03), min_size=3, max_size=3))
+def test_places_seen_from_several_sides_tell_the_slant_from_the_offset(slant, bias):
+    found = measure_offset(seen_from(EYE, ASIDE, slant, np.array(bias)), EYE)
+    # The ray to what is measured is that to what is true, to some millimetres in metres.
+    assert found.slant == pytest.approx(slant, abs=4e-4)
+    np.testing.assert_allclose(found.bias, bias, atol=4e-4)
+    assert (found.disagreement < 6e-4).all()
+
+
+def test_noise_leaves_the_slant_to_a_millimetre():
+    found = measure_offset(seen_from(EYE, ASIDE, -0.008, noise=0.004), EYE)
+    assert found.slant == pytest.approx(-0.008, abs=0.001)
+
+
+def test_without_the_cameras_place_the_slant_stays_in_the_offset():
+    standings = seen_from(EYE, ASIDE, -0.008)
+    plain, told = measure_offset(standings), measure_offset(standings, EYE)
+    assert plain.slant == 0.0
+    assert plain.disagreement[1] > 0.004 > 10.0 * told.disagreement[1]
+
+
+def test_places_that_are_seen_from_one_side_tell_no_slant():
+    together = [(x, y + 0.5) for x, y in ((0.0, 0.0), (0.2, 0.1), (-0.1, 0.2))]
+    for places in (together, ASIDE[:1]):
+        standings = seen_from(EYE, places, -0.008)
+        found, plain = measure_offset(standings, EYE), measure_offset(standings)
+        assert found.slant == 0.0
+        np.testing.assert_array_equal(found.bias, plain.bias)
+
+
+@pytest.mark.parametrize(("known", "told"), [((False, True), True), ((False, False), False)])
+def test_the_slant_is_told_along_axes_where_the_places_are_known(known, told):
+    found = measure_offset(seen_from(EYE, ASIDE, -0.008, known=known), EYE)
+    assert found.slant == pytest.approx(-0.008 if told else 0.0, abs=2e-4)
+    assert found.bias[0] == 0.0
+    assert found.bias[2] == pytest.approx(BIAS[2])
 
 
 def test_the_origin_of_a_standing_drone_is_half_its_hull_above_the_floor():

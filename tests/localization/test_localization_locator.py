@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from localization_rays import BOX, PERSON, TRAY, Thing
 from noctule.geometry import Pose, wrap_angle
 from noctule.localization.located import Located, LocatorSettings, LocatorState
 from noctule.localization.locator import Locator
+from noctule.localization.placing import slanted
 from noctule.localization.tracker import Prediction
 from noctule.messages import DepthFrame
 
@@ -163,6 +165,16 @@ def test_the_calibrated_offset_is_taken_off():
     np.testing.assert_allclose(
         a.measurement.position - b.measurement.position, [0.01, 0.02, -0.03], atol=1e-12
     )
+
+
+def test_what_slanting_rays_are_off_by_is_taken_off():
+    plain = Locator(CAMERA, background(), template())
+    drawn = Locator(CAMERA, background(), replace(template(), slant=-0.01))
+    a, b = fly(plain, range(4))[-1].measurement, fly(drawn, range(4))[-1].measurement
+    off = slanted(-0.01, CAMERA.t_world_camera, a.position)
+    assert np.abs(off).max() > 1e-5
+    np.testing.assert_allclose(a.position - b.position, off, atol=1e-12)
+    assert a.yaw == b.yaw
 
 
 def test_a_detector_decides_what_is_looked_at():

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,6 +66,20 @@ def test_a_template_is_the_same_after_its_arrays():
     assert again.frames == 50
     for name in ("probability", "variance", "height", "weight", "log_drone", "log_free"):
         np.testing.assert_array_equal(getattr(again, name), getattr(template(), name))
+
+
+def test_a_template_keeps_its_slant_and_one_without_has_none():
+    arrays = replace(template(), slant=-0.008).arrays()
+    assert Template.from_arrays(arrays).slant == -0.008
+    del arrays["slant"]
+    assert Template.from_arrays(arrays).slant == 0.0
+
+
+@pytest.mark.parametrize("slant", [[math.nan], [0.0, 0.0], []])
+def test_a_slant_that_is_no_number_is_refused(slant):
+    with pytest.raises(TemplateError) as refused:
+        Template.from_arrays({**template().arrays(), "slant": np.array(slant)})
+    assert str(refused.value) == "not a template: its slant is not one number; learn it again"
 
 
 def test_arrays_of_something_else_are_refused():
@@ -299,6 +314,20 @@ def test_a_fit_of_nothing_leaves_the_pose(yaw, roll, pitch, x):
     pose = Pose(np.array([x, 1.0, 2.0]), yaw, roll, pitch)
     got = placing.moved(pose.R_world_body, pose.position, np.zeros(3), np.zeros(3))
     np.testing.assert_allclose(got, [x, 1.0, 2.0, wrap_angle(yaw), roll, pitch], atol=1e-9)
+
+
+@given(ANGLES, st.floats(0.0, 0.9), st.floats(0.4, 3.0), st.floats(-0.02, 0.02))
+def test_a_slanting_ray_draws_along_itself_and_a_steep_one_hardly(bearing, slope, under, slant):
+    eye, along = np.array([0.3, -0.7, 3.2]), np.array([math.cos(bearing), math.sin(bearing)])
+    off = placing.slanted(slant, eye, eye + under * np.array([*(slope * along), -1.0]))
+    np.testing.assert_allclose(off, [*(slant * slope**3 * along), 0.0], atol=1e-12)
+
+
+def test_no_ray_is_taken_for_more_slanting_than_half_a_right_angle():
+    eye = np.array([0.0, 0.0, 2.0])
+    np.testing.assert_array_equal(placing.slanted(0.01, eye, eye), 0.0)
+    np.testing.assert_allclose(placing.slanted(0.01, eye, np.array([0.5, 0.0, 2.1])), [0.01, 0.0, 0.0])
+    np.testing.assert_allclose(placing.slanted(0.01, eye, np.array([0.0, -3.0, 0.5])), [0.0, -0.01, 0.0])
 
 
 @given(ANGLES, st.floats(-0.2, 0.2), st.floats(-0.2, 0.2))

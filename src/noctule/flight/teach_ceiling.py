@@ -6,18 +6,19 @@ nose pointed to world x at the start, and for the constant offset it stood on st
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from noctule.geometry import Array, Pose
+from noctule.geometry import Array, Pose, wrap_angle
 from noctule.localization.calibration.offset import Standing, measure_offset
 from noctule.localization.detection.samples import FlightSamples
 from noctule.localization.learning.detectors import fit_detectors
 from noctule.localization.learning.template import learn_template
 from noctule.localization.site import Site, SiteCamera, locator_of
-from noctule.messages import DepthFrame
+from noctule.messages import DepthFrame, PoseMeasurement
 from noctule.simulation.ceiling import CeilingSpec, DepthStage, manual_flight, spread_poses
 from noctule.simulation.ceiling.flights import sees_whole
 from noctule.simulation.spec import RoomSpec
@@ -27,8 +28,11 @@ RATE = 30.0  # [Hz]
 _EMPTY_FRAMES = 120
 _FLIGHT_SECONDS = 60.0
 _FLIGHT_RATE = 6.0  # [Hz], neighbouring frames of a slow flight say the same
-_STOOLS = ((0.1, 0.1, 0.7), (0.6, -0.5, 0.7), (-0.4, -0.5, 0.7), (-0.4, 0.6, 1.1), (0.6, 0.6, 1.1))
-_STOOL_FRAMES = 45
+# From below the camera to the far side of the picture, so that the slant is told; turned by quarters on each,
+# so that what the template's middle is off by averages out.
+_STOOLS = ((0.1, -0.7, 0.7), (-0.4, 0.0, 0.7), (0.6, 0.5, 0.9), (-0.3, 1.0, 0.7), (0.4, 1.3, 0.8))
+_STOOL_FRAMES = 15  # of each quarter
+_QUARTERS = 4
 _BETWEEN = 1.0  # [s], so that no two frames of a seed share a stamp: the stamp draws the sensor's errors
 _STEPS = 3 + len(_STOOLS)
 
@@ -74,15 +78,20 @@ def teach_stage(stage: DepthStage, seed: int, show: Progress = _silent) -> Lesso
     standing = []
     for number, true in enumerate(_stools(seed, spec)):
         show((3.0 + number) / _STEPS, "the drone on stools, for the offset")
-        locator = locator_of(site)
-        found = [
-            locator.step(stage.frame(begin + k / RATE, Pose(true, 0.0))).measurement
-            for k in range(_STOOL_FRAMES)
-        ]
+        found: list[PoseMeasurement | None] = []
+        for quarter in range(_QUARTERS):
+            locator, pose = locator_of(site), Pose(true, wrap_angle(0.5 * math.pi * quarter))
+            found += [
+                locator.step(stage.frame(begin + k / RATE, pose)).measurement for k in range(_STOOL_FRAMES)
+            ]
+            begin += _STOOL_FRAMES / RATE + _BETWEEN
         standing.append(Standing(true, np.array([m.position for m in found if m is not None])))
-        begin += _STOOL_FRAMES / RATE + _BETWEEN
-    offset = measure_offset(standing).bias
-    site = replace(site, camera=replace(site.camera, offset=offset))
+    offset = measure_offset(standing, camera.t_world_camera)
+    site = replace(
+        site,
+        camera=replace(site.camera, offset=offset.bias),
+        template=replace(site.template, slant=offset.slant),
+    )
     show(1.0, "")
     return Lessons(site, tuple(frames), tuple(learned.poses), samples, begin)
 

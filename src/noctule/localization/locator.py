@@ -20,6 +20,7 @@ from noctule.localization.half_turn import Facing
 from noctule.localization.health import FrameHealth
 from noctule.localization.located import Located, LocatorDiagnostics, LocatorSettings, LocatorState
 from noctule.localization.matcher import Matcher
+from noctule.localization.placing import slanted
 from noctule.localization.registration import Registration, Scene, acquire, register
 from noctule.localization.template import Template
 from noctule.localization.tracker import Prediction, Track, facing_as, merged
@@ -248,11 +249,15 @@ class Locator:
             found.covariance if certain else found.covariance + np.diag([0.0, 0.0, 0.0, _UNKNOWN_YAW])
         )
         measurement = PoseMeasurement(
-            stamp, track.pose.position - self._offset, track.pose.yaw, covariance, "registration"
+            stamp, self._corrected(track.pose.position), track.pose.yaw, covariance, "registration"
         )
         looked = replace(_diagnostics(found), half_turn=track.half_turn.evidence, proposals=proposals)
         slipped = track.half_turn.slipped
         return Located(stamp, LocatorState.TRACKING, measurement, "", certain, slipped, looked)
+
+    def _corrected(self, position: Array) -> Array:
+        slant = self._matcher.template.slant
+        return np.asarray(position - self._offset - slanted(slant, self.camera.t_world_camera, position))
 
     def _without(self, stamp: float, reason: str, looked: LocatorDiagnostics | None = None) -> Located:
         state = LocatorState.LOST if self._seen else LocatorState.SEARCHING

@@ -10,8 +10,24 @@ from noctule.geometry import Array
 from noctule.vision.homography.compiled import compiled
 
 SURFACE_SD = 0.02  # [m], of one cell's height; cells err together, so this is more than their spread
+_CLOSEST = 0.3  # [m], below the camera
 _INFLATION = 3.0  # neighbouring cells err together: the curvature promises too much
 _FLOOR_SD = (0.0015, 0.0015, 0.0012, 0.003)  # [m, m, m, rad], what differs with the view
+
+
+def slanted(slant: float, eye: Array, position: Array) -> Array:
+    """Return what a position (3,) is off by because it is seen from aside, (3,) [m], world.
+
+    The more slanting a ray, the more of a flank it sees, on the near side alone: flank and the spread of its
+    readings draw the top view along the ray, by `slant` [m] times the cube of the ray's slope, of 1 at the
+    most. Below one half near and far side are off alike. `eye` (3,) is the camera's place; the slope is from
+    straight down.
+    """
+    x, y, z = position - eye
+    slope_x, slope_y = x / max(-z, _CLOSEST), y / max(-z, _CLOSEST)
+    slope = math.hypot(slope_x, slope_y)
+    along = slant * min(slope, 1.0) ** 3 / max(slope, 1e-9)
+    return np.array([along * slope_x, along * slope_y, 0.0])
 
 
 @compiled

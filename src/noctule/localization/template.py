@@ -87,6 +87,7 @@ class Template:
     log_drone: Map  # log-likelihood ratio of a drone cell, weighted
     log_free: Map  # log-likelihood ratio of a free cell, weighted
     stops: Stops  # where rays stop in it, in the same cells: of which nose and tail are told apart
+    slant: float = 0.0  # [m], what positions seen from aside are off by, as in `placing.slanted`
 
     @property
     def nominal(self) -> float:
@@ -124,6 +125,7 @@ class Template:
             "layers": np.array([self.stops.bottom, self.stops.layer]),
             "hits": self.stops.hits.astype(np.float64),
             "passes": self.stops.passes.astype(np.float64),
+            "slant": np.array([self.slant]),
         }
 
     @classmethod
@@ -145,6 +147,10 @@ class Template:
         probability, variance, height, weight = maps
         size = Grid(float(grid[0]), shape[0], float(grid[1]))
         template = _complete(size, int(frames.item()), probability, variance, height, weight)
+        slant = np.asarray(arrays.get("slant", np.zeros(1)), dtype=np.float64)
+        if slant.size != 1 or not np.isfinite(slant).all():
+            raise TemplateError("not a template: its slant is not one number; learn it again")
+        template = replace(template, slant=float(slant.item()))
         if "layers" not in arrays:
             return template
         return replace(template, stops=_stops(size, arrays))

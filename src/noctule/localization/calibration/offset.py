@@ -1,7 +1,8 @@
 """The constant error of a position measurement: from a drone that stands on the floor at known places.
 
 A depth camera sees the top of the drone, and a template has its own middle: what is measured is 25 to 30 mm
-off in height, and some millimetres in x and y.
+off in height, and some millimetres in x and y. Seen from aside it is off along the ray too
+(`placing.slanted`): places below the camera and aside of it tell that from what is constant.
 """
 
 from __future__ import annotations
@@ -13,12 +14,14 @@ import numpy as np
 
 from noctule.errors import NoctuleError
 from noctule.geometry import Array
+from noctule.localization.placing import slanted
 from noctule.messages import PoseMeasurement
 
 FEWEST = 30  # measurements at a place, a second's
 LARGEST_SCATTER = 0.015  # [m], sd of an axis
 LARGEST_MOVE = 0.006  # [m], between the first and the last third of the measurements
 LARGEST_DISAGREEMENT = 0.020  # [m], between the offsets of two places
+LEAST_SPREAD = 0.3  # of the cubed slopes of the rays to the places, so that the slant is told to some mm
 _AXES = "xyz"
 
 
@@ -54,6 +57,7 @@ class Offset:
     scatter: Array  # (3,) [m], sd of one measurement
     disagreement: Array  # (3,) [m], largest minus smallest offset of the places, 0 for one place
     places: int
+    slant: float = 0.0  # [m], as in `placing.slanted`; 0 where the places do not tell it
 
 
 def on_floor(hull_height: float, x: float = np.nan, y: float = np.nan) -> Array:
@@ -64,8 +68,11 @@ def on_floor(hull_height: float, x: float = np.nan, y: float = np.nan) -> Array:
     return np.array([x, y, hull_height / 2.0])
 
 
-def measure_offset(standings: Sequence[Standing]) -> Offset:
-    """Return the constant offset of the measurements at one or more places.
+def measure_offset(standings: Sequence[Standing], eye: Array | None = None) -> Offset:
+    """Return the offset of the measurements at one or more places.
+
+    With `eye` (3,) [m], the camera's place, the slant is told from what is constant, if the places are seen
+    from sides that differ enough.
 
     Raises
     ------
@@ -80,6 +87,11 @@ def measure_offset(standings: Sequence[Standing]) -> Offset:
         _check(standing.measured, f"offset: place {number}")
     offsets = np.array([standing.measured.mean(axis=0) - standing.true for standing in standings])
     scatter = np.sqrt(np.mean([standing.measured.var(axis=0, ddof=1) for standing in standings], axis=0))
+    slant = 0.0
+    if eye is not None:
+        seen = np.array([slanted(1.0, eye, standing.measured.mean(axis=0)) for standing in standings])
+        slant = _slant(offsets, seen)
+        offsets = offsets - slant * seen
     bias, disagreement = np.zeros(3), np.zeros(3)
     for axis in range(3):
         known = offsets[np.isfinite(offsets[:, axis]), axis]
@@ -93,12 +105,22 @@ def measure_offset(standings: Sequence[Standing]) -> Offset:
             f"{1000 * LARGEST_DISAGREEMENT:.0f} mm; measure the places again, or calibrate again where the "
             "camera hangs"
         )
-    return Offset(bias, scatter, disagreement, len(standings))
+    return Offset(bias, scatter, disagreement, len(standings), slant)
 
 
 def corrected(measurement: PoseMeasurement, bias: Array) -> PoseMeasurement:
     """Return the measurement without the offset `bias` (3,) [m]."""
     return replace(measurement, position=measurement.position - bias)
+
+
+def _slant(offsets: Array, seen: Array) -> float:
+    """Return the slant [m] that explains offsets (n, 3) beside a bias; `seen` (n, 3) is what 1 m does."""
+    known = np.isfinite(offsets[:, :2])
+    drawn, found = np.where(known, seen[:, :2], np.nan), np.where(known, offsets[:, :2], np.nan)
+    count = np.maximum(known.sum(axis=0), 1)
+    drawn = drawn - np.nansum(drawn, axis=0) / count
+    spread = float(np.nansum(drawn**2))
+    return float(np.nansum(drawn * found)) / spread if spread >= LEAST_SPREAD**2 else 0.0
 
 
 def _check(measured: Array, name: str) -> None:
