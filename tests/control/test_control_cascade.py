@@ -13,7 +13,6 @@ from noctule.control.cascade import (
     DelayTooLongError,
     cascade,
     compensator,
-    disturbance_after,
     kinematic_law,
     moved,
     predict_over_delay,
@@ -146,19 +145,6 @@ def test_a_push_acts_all_the_time_as_a_command_would():
     free = cascade(x, x[:4], NOTHING, NOTHING, NOTHING, K1, K2, K, GAINS, DRAGS, NOTHING, WIDE)[0]
     taken_out = cascade(x, x[:4], NOTHING, NOTHING, NOTHING, K1, K2, K, GAINS, DRAGS, push, WIDE)[0]
     np.testing.assert_allclose(taken_out, free - push, atol=1e-12)
-
-
-def test_a_constant_disturbance_is_learnt_on_body_axes_and_a_large_one_is_bounded():
-    true, dt, bounds = np.array([0.3, -0.2, 0.1, 0.25]), 1 / 30, np.ones(4)
-    x, d = np.array([0, 0, 1, 2.0, 0, 0, 0, 0.0]), np.zeros(4)
-    for _ in range(300):
-        found = moved(x, dt, true / GAINS, GAINS, DRAGS)
-        d = disturbance_after(d, moved(x, dt, d / GAINS, GAINS, DRAGS), found, 1.0, bounds)
-        x = found
-    np.testing.assert_allclose(d, true, atol=2e-3)
-    for _ in range(300):
-        d = disturbance_after(d, x, moved(x, dt, np.full(4, 3.0), GAINS, DRAGS), 1.0, bounds)
-    np.testing.assert_array_equal(d, bounds)
 
 
 def test_a_delay_beyond_what_was_shown_stable_is_refused():

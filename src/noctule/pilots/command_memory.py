@@ -6,7 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from noctule.control.cascade import CascadeSettings, disturbance_after, predict_over_delay
+from noctule.control.cascade import (
+    CascadeSettings,
+    disturbance_after,
+    nothing_learnt,
+    on_body_axes,
+    predict_over_delay,
+)
 from noctule.estimation.vehicle_model import VehicleModel
 from noctule.geometry import Array
 from noctule.messages import Command
@@ -21,26 +27,36 @@ class CommandMemory:
 
     model: VehicleModel
     settings: CascadeSettings
-    disturbance: Array = field(default_factory=lambda: np.zeros(4))  # (4,) [m/s^2, rad/s^2], body
-    _bounds: Array = field(init=False)  # (4,) of the disturbance
+    # What acts beside the model at the speed that is wanted now, body axes, (4,) [m/s^2, rad/s^2], and the
+    # command that would have the same effect, (4,).
+    disturbance: Array = field(default_factory=lambda: np.zeros(4))
+    push: Array = field(default_factory=lambda: np.zeros(4))
+    _learnt: Array = field(init=False)  # (4, 2) constants [m/s^2, rad/s^2], and slopes [1/s], body axes
+    _covariance: Array = field(init=False)  # (4, 2, 2) of each axis
+    _slope_sd: Array = field(init=False)  # (4,) [1/s], before anything is learnt
+    _bounds: Array = field(init=False)  # (4, 2) of what is learnt
+    _wanted: Array = field(default_factory=lambda: np.zeros(4))  # (4,) [m/s, rad/s], asked for last, body
     _before: tuple[float, Array] | None = None  # the last estimate: stamp [s], state (8,)
     # Before the first command, nothing was sent since ever.
     _stamps: Array = field(default_factory=lambda: np.full(_MEMORY, -np.inf))  # (n,) [s]
     _sent: Array = field(default_factory=lambda: np.zeros((_MEMORY, 4)))  # (n, 4)
 
     def __post_init__(self) -> None:
-        """Take the bounds as an array."""
-        self._bounds = np.array(self.settings.most_disturbance)
-
-    @property
-    def push(self) -> Array:
-        """The disturbance as the command that would have the same effect, (4,)."""
-        return self.disturbance / self.model.input_gains
+        """Begin with nothing learnt; a slope as large as the drag is where a vehicle would not stop."""
+        drags = self.model.drags
+        self._slope_sd = self.settings.disturbance_share * drags
+        self._bounds = np.column_stack([np.array(self.settings.most_disturbance), drags])
+        self._learnt, self._covariance = nothing_learnt(self._slope_sd)
 
     def told(self, sent: Command | None) -> None:
         """Hear what was really sent at the last tick."""
         if sent is not None:
             self._sent[-1] = sent.as_array()
+
+    def asked(self, velocity: Array, yaw: float) -> None:
+        """Hear which velocity (4,) [m/s, rad/s], in the world, is wanted at this tick."""
+        self._wanted = on_body_axes(velocity, yaw)
+        self._weigh()
 
     def remember(self, stamp: float, u: Array) -> None:
         """Keep a command (4,) that is sent at `stamp` [s]."""
@@ -60,10 +76,21 @@ class CommandMemory:
         before, rate = self._before, self.settings.disturbance_rate
         if learning and before is not None and 0.0 < stamp - before[0] < _GAP and rate > 0.0:
             expected = self.predict(before[1], before[0], stamp)
-            self.disturbance = disturbance_after(self.disturbance, expected, now, rate, self._bounds)
+            self._learnt, self._covariance = disturbance_after(
+                self._learnt, self._covariance, expected, now, self._wanted, stamp - before[0], rate,
+                self._slope_sd, self._bounds,
+            )  # fmt: skip
+            self._weigh()
         if before is None or stamp > before[0]:
             self._before = (stamp, now)
 
     def forget(self) -> None:
         """Begin anew with the disturbance: the estimate it was learnt of was wrong."""
-        self.disturbance, self._before = np.zeros(4), None
+        self._learnt, self._covariance = nothing_learnt(self._slope_sd)
+        self._before = None
+        self._weigh()
+
+    def _weigh(self) -> None:
+        """Say what acts, by what is learnt and wanted now."""
+        self.disturbance = self._learnt[:, 0] + self._learnt[:, 1] * self._wanted
+        self.push = self.disturbance / self.model.input_gains

@@ -133,6 +133,7 @@ class PathFollower:
         dt = 0.0 if math.isnan(self._last) else min(max(0.0, stamp - self._last), _LONGEST_TICK)
         self._last = stamp
         wanted = self._wanted(x, stamp, until, dt, conduct)
+        memory.asked(wanted.velocity, float(x[3]))
         target, limits = wanted.pose, self._slow if conduct.hover else self.limits
         if conduct.hover and conduct.trust < 1.0:
             target = _nearer(x, target, conduct.trust)

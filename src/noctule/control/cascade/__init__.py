@@ -1,6 +1,6 @@
 """The cascade of a kinematic law and a dynamic compensator, with the delay of commands predicted away."""
 
-from noctule.control.cascade.disturbance import disturbance_after
+from noctule.control.cascade.disturbance import disturbance_after, nothing_learnt, on_body_axes
 from noctule.control.cascade.law import cascade, compensator, kinematic_law, saturated
 from noctule.control.cascade.prediction import moved, predict_over_delay
 from noctule.control.cascade.settings import CascadeSettings, DelayTooLongError
@@ -13,6 +13,8 @@ __all__ = [
     "disturbance_after",
     "kinematic_law",
     "moved",
+    "nothing_learnt",
+    "on_body_axes",
     "predict_over_delay",
     "saturated",
 ]

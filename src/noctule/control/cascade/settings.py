@@ -31,6 +31,13 @@ class CascadeSettings(Settings):
         le=10.0,
         description="with which a constant disturbance is learnt; 0: as published [1/s]",
     )
+    disturbance_share: float = Field(
+        0.3,
+        ge=0.0,
+        le=1.0,
+        description="by which the model may be off: what goes with the wanted speed is learnt too; "
+        "0: a constant only",
+    )
     most_disturbance: Four = Field(
         (1.0, 1.0, 1.0, 1.0), description="taken for one: forward, left, up [m/s^2], yaw [rad/s^2]"
     )
