@@ -15,6 +15,7 @@ FIGURES = {
     "hover_rms_m": 0.009,
     "position_rms_m": 0.005,
     "lost_s": 0.0,
+    "epsilon_px": None,  # no points of key images were tracked
 }
 
 
@@ -24,6 +25,13 @@ def test_a_located_flight_is_told_by_its_path_not_by_images():
     assert "image" not in text.split("\n\n")[0]
     assert "13.5 mm" in text
     assert "9.0 mm" in text
+
+
+def test_one_that_was_handed_over_is_told_by_its_last_image_first():
+    handed_over = {**pretended_summary("reached", Path("flight.mcap")), **FIGURES, "epsilon_px": 0.8}
+    words = flight_text(handed_over).splitlines()[1]
+    assert words.startswith("The drone reached the last image after 12.5 s")
+    assert words.endswith("Before that it followed its path in space, 6.5 mm from it on average.")
 
 
 def test_one_that_is_lost_says_that_it_landed_and_why():
