@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from noctule.estimation.chi_square import chi_square_cdf, chi_square_quantile, nees, nees_band
-from noctule.estimation.compiled import cholesky, inverse_spd, times
 from noctule.estimation.filter_state import FilterError, StateEstimate, start_at
 from noctule.estimation.kalman_filter import correct, predict
+from noctule.estimation.matrices import cholesky, inverse_spd, times
 from noctule.estimation.measurements import (
     Component,
     Measurement,

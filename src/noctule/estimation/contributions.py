@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from noctule.estimation.compiled import compiled
+from noctule.compiled import compiled
 from noctule.estimation.filter_state import (
     SIZES,
     YAW,

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from noctule.compiled import compiled
 from noctule.errors import NoctuleError
-from noctule.estimation.compiled import compiled
 from noctule.geometry import Array, Pose, rot_z, wrap_angle
 
 SIZES = (8, 9, 10, 11)

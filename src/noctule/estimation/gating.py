@@ -24,9 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from noctule.compiled import compiled
 from noctule.estimation.chi_square import chi_square_quantile
-from noctule.estimation.compiled import compiled, inverse_spd, times
 from noctule.estimation.filter_state import YAW, heading_bias_index
+from noctule.estimation.matrices import inverse_spd, times
 from noctule.estimation.measurements import Component, Measurement, linearise
 from noctule.geometry import Array
 from noctule.settings import Settings

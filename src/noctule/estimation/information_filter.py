@@ -19,9 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from noctule.estimation.compiled import cholesky, compiled, inverse_spd, refuse_unsound, times
+from noctule.compiled import compiled
 from noctule.estimation.filter_state import YAW, StateEstimate, heading_bias_index
 from noctule.estimation.kalman_filter import predict
+from noctule.estimation.matrices import cholesky, inverse_spd, refuse_unsound, times
 from noctule.geometry import Array
 
 _TURN = 2.0 * math.pi

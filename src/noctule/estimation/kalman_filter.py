@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from noctule.estimation.compiled import cholesky, compiled, refuse_unsound
+from noctule.compiled import compiled
+from noctule.estimation.matrices import cholesky, refuse_unsound
 from noctule.estimation.vehicle_model import process_covariance, transition
 from noctule.geometry import Array
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from noctule.estimation.compiled import compiled, wrap
+from noctule.compiled import compiled, wrap
 from noctule.estimation.filter_state import FilterError, heading_bias_index, velocity_bias_index
 from noctule.geometry import Array
 from noctule.messages import HeadingMeasurement, PoseMeasurement, VehicleState

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from noctule.estimation.chi_square import nees, nees_band
-from noctule.estimation.compiled import cholesky
 from noctule.estimation.delayed import FilterSettings
 from noctule.estimation.events import Input
 from noctule.estimation.filter_state import YAW, Prior, StateEstimate, start_at
 from noctule.estimation.kalman_filter import correct, predict
+from noctule.estimation.matrices import cholesky
 from noctule.estimation.measurements import Component, Measurement, linearise
 from noctule.estimation.network import LinkSettings, Network, Node
 from noctule.estimation.vehicle_model import ProcessNoise, VehicleModel, process_covariance, transition

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from noctule.estimation.compiled import compiled
+from noctule.compiled import compiled
 from noctule.estimation.filter_state import FilterError, heading_bias_index, velocity_bias_index
 from noctule.geometry import Array
 from noctule.settings import Settings

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from noctule.compiled import compiled
 from noctule.geometry import Array
 from noctule.localization.gathering import Map
-from noctule.vision.homography.compiled import compiled
 
 FLOOR = 0.03  # added to the variance of a cell's share: what a template of means cannot know
 LEAST = 0.2  # of a cell that is drone, so that its height says something

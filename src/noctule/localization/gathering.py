@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from noctule.compiled import compiled
 from noctule.geometry import Array
-from noctule.vision.homography.compiled import compiled
 
 Map = NDArray[np.float32]
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.camera import PinholeCamera
+from noctule.compiled import compiled
 from noctule.errors import NoctuleError
 from noctule.messages import DepthFrame
 from noctule.vision.depth.background import Background, fits
-from noctule.vision.homography.compiled import compiled
 
 MIN_VALID = 0.2  # of the pixels in which the background has readings; without one, of all
 MIN_FIT = 0.7  # of the background that can be seen; a camera tilted by one degree stays below

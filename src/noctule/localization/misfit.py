@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from noctule.compiled import compiled
 from noctule.geometry import Array
 from noctule.localization.fitting import LEAST, fit_surface
 from noctule.localization.gathering import Map
-from noctule.vision.homography.compiled import compiled
 
 # of a cell's maps, side by side: one place in memory for all that a cell is asked
 LOG_DRONE, LOG_FREE, EXPECTED, WEIGHT, PROBABILITY, CERTAINTY, SOLID, HEIGHT = range(8)

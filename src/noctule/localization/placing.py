@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from noctule.compiled import compiled
 from noctule.geometry import Array
-from noctule.vision.homography.compiled import compiled
 
 SURFACE_SD = 0.02  # [m], of one cell's height; cells err together, so this is more than their spread
 _CLOSEST = 0.3  # [m], below the camera

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from noctule.compiled import compiled
 from noctule.geometry import Array
 from noctule.localization.gathering import Map
-from noctule.vision.homography.compiled import compiled
 
 
 @compiled

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from noctule.compiled import compiled
 from noctule.geometry import Array
 from noctule.localization.gathering import BELOW, Map
-from noctule.vision.homography.compiled import compiled
 
 _SLACK = 0.03  # [m], a reading so far over the highest or under the lowest layer still stopped in it
 # readings along a cell's sides at least; nearer drones are read in strides

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from noctule.control.compiled import compiled
+from noctule.compiled import compiled
 from noctule.geometry import Array
 
 # A velocity differs by this from the predicted one although nothing pushes [m/s, rad/s], as estimates at

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from noctule.control.compiled import compiled, wrap
+from noctule.compiled import compiled, wrap
 from noctule.geometry import Array
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from noctule.control.compiled import compiled
+from noctule.compiled import compiled
 from noctule.geometry import Array
 
 _SOON = 1e-9  # [s]

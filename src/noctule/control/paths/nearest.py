@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from noctule.control.compiled import compiled
+from noctule.compiled import compiled
 from noctule.control.paths.space_path import SpacePath, sample, segment_of
 from noctule.geometry import Array
 

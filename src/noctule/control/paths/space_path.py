@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from noctule.control.compiled import compiled
+from noctule.compiled import compiled
 from noctule.errors import NoctuleError
 from noctule.geometry import Array
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from noctule.estimation.compiled import compiled
+from noctule.compiled import compiled
 from noctule.geometry import Array
 
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from noctule.compiled import compiled
 from noctule.geometry import Array
-from noctule.vision.homography.compiled import compiled
 
 YAW, TX, TY, TZ, SLOPE_X, SLOPE_Y, ROLL, PITCH = range(8)
 N_PARAMETERS = 8

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from noctule.compiled import compiled
 from noctule.geometry import Array
-from noctule.vision.homography.compiled import compiled
 
 PRIOR_NOISE = 4e-4
 """Noise of both images together that is assumed with few points, in normalised units: 0.2 px at

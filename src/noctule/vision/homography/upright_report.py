@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from noctule.compiled import compiled
 from noctule.geometry import Array, wrap_angle
-from noctule.vision.homography.compiled import compiled
 from noctule.vision.homography.result import HomographyEstimate, scaled_homography
 from noctule.vision.homography.upright_answers import Minimum
 from noctule.vision.homography.upright_cost import absorbed, describe, normal_equations, robust_loss

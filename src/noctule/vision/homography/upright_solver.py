@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from noctule.compiled import compiled
 from noctule.geometry import Array
-from noctule.vision.homography.compiled import compiled
 from noctule.vision.homography.upright_cost import normal_equations
 from noctule.vision.homography.upright_model import N_PARAMETERS, TwoViews
 

@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from noctule.compiled import compiled
 from noctule.geometry import Array
-from noctule.vision.homography.compiled import compiled
 from noctule.vision.homography.upright_model import (
     N_PARAMETERS,
     PITCH,

@@ -1,25 +1,11 @@
-"""Numba with its types kept, and the few matrix routines that compiled filters share."""
+"""The few matrix routines that compiled filters share."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar, cast
-
-import numba
 import numpy as np
 
-from noctule.geometry import Array, wrap_angle
-
-F = TypeVar("F", bound=Callable[..., object])
-
-
-def compiled(function: F) -> F:
-    """Compile `function` on its first call and cache the machine code beside its source file."""
-    return cast(F, numba.njit(cache=True, error_model="numpy")(function))
-
-
-wrap = compiled(wrap_angle)
-"""geometry.wrap_angle for compiled callers."""
+from noctule.compiled import compiled
+from noctule.geometry import Array
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Numba with its types kept, for the loops of this room that run at every tick."""
+"""Numba with its types kept: to the reader and the type checker a compiled function is the Python one."""
 
 from __future__ import annotations
 
