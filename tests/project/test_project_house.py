@@ -22,6 +22,7 @@ FLOORS = {
     "errors": 0,
     "settings": 0,
     "geometry": 1,
+    "compiled": 1,
     "camera": 2,
     "messages": 2,
     "control": 2,
