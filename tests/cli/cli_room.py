@@ -8,12 +8,26 @@ import cv2
 import numpy as np
 
 from noctule.camera import FixedCamera, PinholeCamera
-from noctule.localization.site import SiteCamera, save_camera
+from noctule.cli.depth_stream import thinned
+from noctule.flight.depth_scene import Scene
+from noctule.localization.detection.band import SurfaceBand
+from noctule.localization.detection.cubics import AreaCubics
+from noctule.localization.detection.hu import HuPatterns
+from noctule.localization.detector_file import Detectors, save_detectors
+from noctule.localization.site import SiteCamera, save_background, save_camera, save_template
+from noctule.localization.template import build_template
+from noctule.vision.depth import learn_background
 
 CAMERA = FixedCamera(
     PinholeCamera.centred(160, 120, 140.0),
     np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
     np.array([0.0, 0.0, 3.0]),
+)
+
+DETECTORS = Detectors(
+    AreaCubics(np.array([9000.0, 0, 0, 0]), np.array([100.0, 0, 0, 0]), 0.2, 2.2),
+    SurfaceBand(0.02, 0.3, 0.2, 2.2),
+    HuPatterns(np.ones((1, 7)), 1.0),
 )
 
 Box = tuple[float, float, float, float, float]
@@ -59,3 +73,17 @@ def flight(frames: int = 150, more: tuple[Box, ...] = ()) -> list[np.ndarray]:
         drone = (0.2 * np.cos(3 * t), 0.3 * np.sin(2 * t), 1.1 - 0.7 * np.cos(5 * t), 0.5, 0.4)
         images.append(depth([drone, *more], 1000 + k))
     return images
+
+
+def leave_simulated_site(folder: Path) -> Path:
+    """Leave a site of the simulated room; its template is made of true poses, which is quick."""
+    camera = Scene("none").spec.camera
+    background = learn_background([f.depth for f in Scene("none", seconds=0.7).frames()])
+    scene = Scene("manual", seconds=9.0)
+    poses = {stamp: pose for stamp, pose in scene.poses() if pose is not None}
+    samples = [(frame, poses[frame.stamp]) for frame in thinned(scene.frames(), 0.1)]
+    save_camera(folder, SiteCamera(camera))
+    save_background(folder, background, camera)
+    save_detectors(folder, DETECTORS, camera)
+    save_template(folder, build_template(samples, background.nearest, camera))
+    return folder

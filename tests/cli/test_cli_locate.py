@@ -11,17 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_room import CAMERA, depth, leave, leave_site
+from cli_room import CAMERA, DETECTORS, depth, leave, leave_simulated_site, leave_site
 
-from noctule.cli.depth_stream import thinned
 from noctule.cli.locating import Status, Tally, status_line
 from noctule.flight.depth_recording import read_depth_recording
-from noctule.flight.depth_scene import STAND, Scene
+from noctule.flight.depth_scene import STAND
 from noctule.geometry import Pose
-from noctule.localization.detection.band import SurfaceBand
-from noctule.localization.detection.cubics import AreaCubics
-from noctule.localization.detection.hu import HuPatterns
-from noctule.localization.detector_file import Detectors, save_detectors
+from noctule.localization.detector_file import save_detectors
 from noctule.localization.locator import Located, LocatorDiagnostics, LocatorState
 from noctule.localization.site import (
     SiteCamera,
@@ -30,15 +26,9 @@ from noctule.localization.site import (
     save_camera,
     save_template,
 )
-from noctule.localization.template import Template, build_template
+from noctule.localization.template import Template
 from noctule.messages import PoseMeasurement
 from noctule.vision.depth import learn_background
-
-DETECTORS = Detectors(
-    AreaCubics(np.array([9000.0, 0, 0, 0]), np.array([100.0, 0, 0, 0]), 0.2, 2.2),
-    SurfaceBand(0.02, 0.3, 0.2, 2.2),
-    HuPatterns(np.ones((1, 7)), 1.0),
-)
 
 
 def tracked(stamp: float, x: float, yaw: float, certain: bool = True, slipped: bool = False) -> Located:
@@ -237,18 +227,7 @@ def test_errors_against_the_truth_go_round_the_circle():
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory) -> Path:
-    """A site of the simulated room; its template is made of true poses, which is quick."""
-    folder = tmp_path_factory.mktemp("sites") / "lab"
-    camera = Scene("none").spec.camera
-    background = learn_background([f.depth for f in Scene("none", seconds=0.7).frames()])
-    scene = Scene("manual", seconds=9.0)
-    poses = {stamp: pose for stamp, pose in scene.poses() if pose is not None}
-    samples = [(frame, poses[frame.stamp]) for frame in thinned(scene.frames(), 0.1)]
-    save_camera(folder, SiteCamera(camera))
-    save_background(folder, background, camera)
-    save_detectors(folder, DETECTORS, camera)
-    save_template(folder, build_template(samples, background.nearest, camera))
-    return folder
+    return leave_simulated_site(tmp_path_factory.mktemp("sites") / "lab")
 
 
 def test_the_drone_of_the_simulated_room_is_located_to_millimetres(noctule, simulated):

@@ -7,15 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from noctule.camera import CEILING_CAMERA, FixedCamera
 from noctule.errors import NoctuleError
 from noctule.localization.calibration.offset import (
     MovedDroneError,
     PlacesDisagreeError,
     ScatterError,
+    SlantError,
     Standing,
     TooFewMeasurementsError,
     corrected,
     measure_offset,
+    next_place,
     on_floor,
 )
 from noctule.localization.placing import slanted
@@ -106,6 +109,53 @@ def test_places_that_are_seen_from_one_side_tell_no_slant():
         np.testing.assert_array_equal(found.bias, plain.bias)
 
 
+@given(st.floats(-0.03, 0.03), st.floats(-0.03, 0.03))
+def test_a_slant_from_before_is_taken_off_where_the_places_do_not_tell_it(slant, before):
+    one = measure_offset(seen_from(EYE, ASIDE[4:], slant), EYE, slant)
+    assert (one.slant, one.told) == (slant, False)
+    np.testing.assert_allclose(one.bias, BIAS, atol=1.5e-3)  # the slope is that to what is measured
+    several = measure_offset(seen_from(EYE, ASIDE, slant), EYE, before)
+    assert several.told
+    assert several.slant == measure_offset(seen_from(EYE, ASIDE, slant), EYE).slant
+    # Without the camera's place there is no ray along which it would be.
+    assert measure_offset(seen_from(EYE, ASIDE[4:], slant), slant=before).slant == 0.0
+
+
+def test_what_is_left_at_each_place_is_without_offset_and_slant():
+    standings = seen_from(EYE, ASIDE, -0.008)
+    np.testing.assert_allclose(measure_offset(standings, EYE).left, 0.0, atol=3e-4)
+    wrong = Standing(standings[2].true - [0.0, 0.0, 0.01], standings[2].measured)
+    left = measure_offset([*standings[:2], wrong, *standings[3:]], EYE).left
+    np.testing.assert_allclose(left[:, 2], [-0.002, -0.002, 0.008, -0.002, -0.002], atol=1e-9)
+
+
+def test_a_slant_that_no_drone_has_is_refused():
+    with pytest.raises(SlantError) as told:
+        measure_offset(seen_from(EYE, ASIDE, -0.06), EYE)
+    assert str(told.value) == (
+        "offset: the places agree with a slant of -63 mm, expected 40 mm or less; measure the places again, "
+        "or calibrate again where the camera hangs"
+    )
+
+
+@pytest.mark.parametrize("begun", [ASIDE[:1], ASIDE[4:], ((0.0, 0.5), (0.2, 0.6), (-0.1, 0.7))])
+def test_the_next_place_is_seen_whole_and_tells_the_slant(begun):
+    eye = CEILING_CAMERA.t_world_camera
+    standings = seen_from(eye, begun, -0.008)
+    assert not measure_offset(standings, eye).told
+    place = next_place(standings, CEILING_CAMERA)
+    assert CEILING_CAMERA.inside(place[None])[0] >= 0.4
+    assert place[2] == pytest.approx(0.7 + BIAS[2])
+    more = seen_from(eye, [*begun, (place[0], place[1])], -0.008)
+    assert measure_offset(more, eye).told
+
+
+def test_a_camera_that_sees_no_whole_drone_knows_no_next_place():
+    up = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    camera = FixedCamera(CEILING_CAMERA.intrinsics, up, CEILING_CAMERA.t_world_camera)
+    assert next_place(seen_from(EYE, ASIDE, 0.0), camera) is None
+
+
 @pytest.mark.parametrize(("known", "told"), [((False, True), True), ((False, False), False)])
 def test_the_slant_is_told_along_axes_where_the_places_are_known(known, told):
     found = measure_offset(seen_from(EYE, ASIDE, -0.008, known=known), EYE)
@@ -126,6 +176,13 @@ def test_no_place_and_few_measurements_are_refused():
     assert refusal(TooFewMeasurementsError, standing(), standing(count=12)) == (
         "offset: place 2: the drone was measured 12 times, expected 30 or more; let it stand there for some "
         "seconds, in sight of the camera"
+    )
+
+
+def test_a_place_with_a_name_is_refused_by_it():
+    few = Standing(np.zeros(3), np.zeros((3, 3)), "recording b.mcap")
+    assert refusal(TooFewMeasurementsError, standing(), few).startswith(
+        "offset: place 2 (recording b.mcap): the drone was measured 3 times, expected 30 or more; "
     )
 
 

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from noctule.flight.depth_scene import Flight
     from noctule.flight.depth_sources import DepthSource
 
+Place = tuple[float, float, float]
+"""x, y and height [m]."""
+
 _KINDS = ("recording", "folder", "simulated", "device")
 
 
@@ -66,10 +69,13 @@ class SourceOptions:
 NONE = SourceOptions()
 
 
-def depth_source(options: SourceOptions, command: str, flight: Flight, seconds: float) -> DepthSource:
+def depth_source(
+    options: SourceOptions, command: str, flight: Flight, seconds: float, at: Place | None = None
+) -> DepthSource:
     """Return the source; raises DepthSourceError unless the options go together.
 
-    `flight` and `seconds` are what the simulated room shows where the options do not say.
+    `flight` and `seconds` are what the simulated room shows where the options do not say, `at` is where the
+    drone stands in it.
     """
     given = [kind for kind in _KINDS if getattr(options, kind)]
     if len(given) != 1:
@@ -94,10 +100,10 @@ def depth_source(options: SourceOptions, command: str, flight: Flight, seconds: 
         seconds = options.seconds
     if not 0.0 < seconds <= 3600.0:
         raise DepthSourceError(f"{command}: --seconds is {seconds:g}, expected above 0, up to 3600")
-    return _open(options, kind, flight, seconds)
+    return _open(options, kind, flight, seconds, at)
 
 
-def _open(options: SourceOptions, kind: str, flight: Flight, seconds: float) -> DepthSource:
+def _open(options: SourceOptions, kind: str, flight: Flight, seconds: float, at: Place | None) -> DepthSource:
     from noctule.flight import depth_sources
 
     if options.recording is not None:
@@ -106,8 +112,9 @@ def _open(options: SourceOptions, kind: str, flight: Flight, seconds: float) -> 
         return depth_sources.folder_source(options.folder, 1000.0 if options.scale is None else options.scale)
     if options.device is not None:
         return depth_sources.device_source(options.device, seconds)
-    from noctule.flight.depth_scene import Scene, simulated_source
+    from noctule.flight.depth_scene import STAND, Scene, simulated_source
 
+    seed = options.seed or 0
     return simulated_source(
-        Scene(flight, options.seed or 0, options.hull, options.markers, options.person, seconds)
+        Scene(flight, seed, options.hull, options.markers, options.person, seconds, at or STAND)
     )

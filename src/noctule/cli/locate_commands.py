@@ -78,14 +78,17 @@ def calibrate_offset(
     *,
     source: SourceOptions = NONE,
     site: Path,
-    height: float,
+    height: float | None = None,
     at: str | None = None,
+    places: Path | None = None,
     out: Path | None = None,
     json: Flag = False,
 ) -> int:
-    """Find the constant error of positions, from a drone that stands at a known place with its motors off.
+    """Find the constant error of positions, from a drone that stands at known places with its motors off.
 
-    Turn it there by a quarter now and then: what its template is off by averages out.
+    Turn it there by a quarter now and then: what its template is off by averages out. One place (a source,
+    --height and --at) gives the offset; several (--places) also the slant, what positions seen from aside are
+    off by.
 
     Parameters
     ----------
@@ -96,14 +99,18 @@ def calibrate_offset(
         was learned, about as high as it will fly.
     at
         Where it stands, as x,y [m]; left out, only the altitude is corrected.
+    places
+        Instead of a source: a .csv file with a line recording,x,y,z for each of three places and more,
+        below the camera and far aside of it. The recording is an .mcap file or a folder of images beside it.
     out
-        Write camera.toml with the offset into this folder; left out, the site.
+        Write camera.toml with the offset, and with --places template.npz with the slant, into this folder;
+        left out, the site.
     json
         End standard output with one JSON object.
     """
-    from noctule.cli.calibrating_offset import find_offset
+    from noctule.cli.calibrating_offset import OffsetOptions, find_offset
 
-    return find_offset(source, site, height, at, out, json)
+    return find_offset(source, site, OffsetOptions(height, at, places, out), json)
 
 
 def calibrate_sensors(
@@ -141,7 +148,13 @@ def calibrate_sensors(
 
 
 def calibrate_record(
-    *, source: SourceOptions = NONE, out: Path, flight: Flown = "manual", json: Flag = False
+    *,
+    source: SourceOptions = NONE,
+    out: Path,
+    flight: Flown = "manual",
+    at: str | None = None,
+    height: float | None = None,
+    json: Flag = False,
 ) -> int:
     """Record depth frames without loss, to calibrate from them or to locate the drone in them later.
 
@@ -151,13 +164,17 @@ def calibrate_record(
         The recording (.mcap), a new file.
     flight
         With --simulated: what is flown. none: the room is empty. manual: by hand all over the room.
-        path: along an ellipse. stand: it stands at (0, 0, 1.2) m and is turned.
+        path: along an ellipse. stand: it stands still and is turned by quarters.
+    at
+        With --flight stand: where it stands, as x,y [m]; left out, 0,0.
+    height
+        With --flight stand: how high the middle of its hull is [m]; left out, 1.2.
     json
         End standard output with one JSON object.
     """
-    from noctule.cli.recording_depth import record_depth
+    from noctule.cli.recording_depth import record_depth, standing_place
 
-    return record_depth(source, out, flight, json)
+    return record_depth(source, out, flight, standing_place(flight, at, height), json)
 
 
 def locate(

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from noctule.cli.depth_options import SourceOptions, depth_source
+from noctule.cli.depth_options import Place, SourceOptions, depth_source
 from noctule.cli.show import as_json
+from noctule.cli.standing_places import PlaceError, read_height, read_place
 from noctule.errors import NoctuleError
 
 if TYPE_CHECKING:
@@ -19,8 +20,33 @@ class RecordingExistsError(NoctuleError):
     """A recording that would be overwritten."""
 
 
-def record_depth(options: SourceOptions, out: Path, flight: Flight, json: bool) -> int:
-    """Write the frames of a source to the file `out`; 0 when there was at least one."""
+def standing_place(flight: Flight, at: str | None, height: float | None) -> Place | None:
+    """Return where the simulated drone stands, None where nothing is said; raises PlaceError."""
+    import numpy as np
+
+    from noctule.flight.depth_scene import STAND, Scene
+    from noctule.simulation.ceiling.flights import sees_whole
+
+    if at is None and height is None:
+        return None
+    if flight != "stand":
+        option = "--height" if at is None else "--at"
+        raise PlaceError(f"calibrate record: {option} goes with --flight stand alone; leave it out")
+    x, y = STAND[:2] if at is None else read_place(at)
+    place = x, y, STAND[2] if height is None else read_height(height)
+    if not sees_whole(Scene(flight).spec.camera, np.array(place)):
+        raise PlaceError(
+            f"calibrate record: the simulated camera does not see the whole drone at x {x:g}, y {y:g}, "
+            f"height {place[2]:g} m; expected a place nearer to the middle of its picture"
+        )
+    return place
+
+
+def record_depth(options: SourceOptions, out: Path, flight: Flight, at: Place | None, json: bool) -> int:
+    """Write the frames of a source to the file `out`; 0 when there was at least one.
+
+    `at` is where the simulated drone stands.
+    """
     from noctule.flight.depth_recording import DepthRecorder, read_depth_recording
     from noctule.flight.interrupt import interruptible
     from noctule.reports.progress import with_progress
@@ -30,7 +56,9 @@ def record_depth(options: SourceOptions, out: Path, flight: Flight, json: bool) 
             f"recording {out}: it is there already, and nothing is overwritten; choose another --out or "
             "remove it"
         )
-    source = depth_source(options, "calibrate record", flight, SECONDS)
+    if at is not None and not options.simulated:
+        raise PlaceError("calibrate record: --at and --height go with --simulated alone; leave them out")
+    source = depth_source(options, "calibrate record", flight, SECONDS, at)
     with interruptible() as stopped, DepthRecorder(out, source.camera) as recorder:
         for frame in with_progress(source.frames(), "recording", total=source.count):
             recorder.frame(frame)

@@ -29,7 +29,7 @@ Flight = Literal["none", "manual", "path", "stand"]
 _SPEED = 0.3  # [m/s], along the path
 _PASSES = 0.6  # [m], as near as the person comes to the path
 _STREAMS: dict[Flight, int] = {"none": 0, "manual": 1, "path": 2, "stand": 3}
-STAND = (0.0, 0.0, 1.2)  # [m], where the drone stands still, on a thin pole that no camera sees
+STAND = (0.0, 0.0, 1.2)  # [m], where the drone stands if nothing is said, on a pole that no camera sees
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +42,7 @@ class Scene:
     markers: bool = False  # the drone wears them, and the camera gives colour
     person: bool = False
     seconds: float = 10.0
+    at: tuple[float, float, float] = STAND  # [m], with "stand"
 
     @property
     def spec(self) -> CeilingSpec:
@@ -59,7 +60,7 @@ class Scene:
         if self.flight == "stand":
             # Turned by a quarter now and then, as `noctule calibrate offset` wants it.
             return [
-                (t, Pose(np.array(STAND), wrap_angle(0.3 + math.pi / 2.0 * int(4.0 * t / self.seconds))))
+                (t, Pose(np.array(self.at), wrap_angle(0.3 + math.pi / 2.0 * int(4.0 * t / self.seconds))))
                 for t in stamps
             ]
         angles, lengths = _ellipse_lengths()
@@ -68,7 +69,9 @@ class Scene:
     @property
     def _own_seed(self) -> int:
         # The room is of the seed alone; errors and flights differ between calibrating and flying.
-        return int(np.random.SeedSequence([self.seed, _STREAMS[self.flight]]).generate_state(1)[0])
+        # The drone stands at several places one after the other: their errors differ too.
+        place = [] if self.at == STAND else [round(1000.0 * v) % 2**32 for v in self.at]
+        return int(np.random.SeedSequence([self.seed, _STREAMS[self.flight], *place]).generate_state(1)[0])
 
     def frames(self, wanted: Callable[[float], bool] | None = None) -> Iterator[DepthFrame]:
         """Draw the frames; with `wanted`, only those whose stamp [s] it accepts when their turn comes."""

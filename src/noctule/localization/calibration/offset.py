@@ -8,10 +8,11 @@ off in height, and some millimetres in x and y. Seen from aside it is off along 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from noctule.camera import FixedCamera
 from noctule.errors import NoctuleError
 from noctule.geometry import Array
 from noctule.localization.placing import slanted
@@ -22,6 +23,9 @@ LARGEST_SCATTER = 0.015  # [m], sd of an axis
 LARGEST_MOVE = 0.006  # [m], between the first and the last third of the measurements
 LARGEST_DISAGREEMENT = 0.020  # [m], between the offsets of two places
 LEAST_SPREAD = 0.3  # of the cubed slopes of the rays to the places, so that the slant is told to some mm
+LARGEST_SLANT = 0.04  # [m]; a drone's is 0.01, more is a place that was measured wrongly
+_MARGIN = 0.4  # [m], as near as a drone that is seen whole comes to the picture's edges
+_REACH, _STEP = 5.0, 0.1  # [m], around the camera where the next place is looked for
 _AXES = "xyz"
 
 
@@ -41,12 +45,17 @@ class PlacesDisagreeError(NoctuleError):
     """Places whose offsets differ: then the error is not constant, and the camera's pose is at fault."""
 
 
+class SlantError(NoctuleError):
+    """A slant that no drone has."""
+
+
 @dataclass(frozen=True, slots=True)
 class Standing:
     """What was measured while a drone stood at one place."""
 
     true: Array  # (3,) [m], world, of the body's origin; nan where it is not known
     measured: Array  # (n, 3) [m], world, in the order of time
+    name: str = ""  # for messages
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +66,9 @@ class Offset:
     scatter: Array  # (3,) [m], sd of one measurement
     disagreement: Array  # (3,) [m], largest minus smallest offset of the places, 0 for one place
     places: int
-    slant: float = 0.0  # [m], as in `placing.slanted`; 0 where the places do not tell it
+    slant: float = 0.0  # [m], as in `placing.slanted`
+    told: bool = False  # whether the places tell the slant; where they do not, it is the one from before
+    left: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (places, 3) [m], without bias and slant
 
 
 def on_floor(hull_height: float, x: float = np.nan, y: float = np.nan) -> Array:
@@ -68,11 +79,11 @@ def on_floor(hull_height: float, x: float = np.nan, y: float = np.nan) -> Array:
     return np.array([x, y, hull_height / 2.0])
 
 
-def measure_offset(standings: Sequence[Standing], eye: Array | None = None) -> Offset:
-    """Return the offset of the measurements at one or more places.
+def measure_offset(standings: Sequence[Standing], eye: Array | None = None, slant: float = 0.0) -> Offset:
+    """Return the offset of the measurements at one or more places, located without offset and slant.
 
     With `eye` (3,) [m], the camera's place, the slant is told from what is constant, if the places are seen
-    from sides that differ enough.
+    from sides that differ enough; otherwise `slant` [m], that from before, is taken off.
 
     Raises
     ------
@@ -80,17 +91,23 @@ def measure_offset(standings: Sequence[Standing], eye: Array | None = None) -> O
         When the measurements at a place (named by its number, from 1) cannot be averaged.
     PlacesDisagreeError
         When the offsets at the places differ.
+    SlantError
+        When what would make the places agree is more than any drone's slant.
     """
     if not standings:
         raise TooFewMeasurementsError("offset: no place is given, expected a drone standing at one or more")
     for number, standing in enumerate(standings, start=1):
-        _check(standing.measured, f"offset: place {number}")
+        named = f" ({standing.name})" if standing.name else ""
+        _check(standing.measured, f"offset: place {number}{named}")
     offsets = np.array([standing.measured.mean(axis=0) - standing.true for standing in standings])
     scatter = np.sqrt(np.mean([standing.measured.var(axis=0, ddof=1) for standing in standings], axis=0))
-    slant = 0.0
-    if eye is not None:
-        seen = np.array([slanted(1.0, eye, standing.measured.mean(axis=0)) for standing in standings])
-        slant = _slant(offsets, seen)
+    found = None
+    if eye is None:
+        slant = 0.0
+    else:
+        seen = _seen(standings, eye)
+        found = _slant(offsets, seen)
+        slant = slant if found is None else found
         offsets = offsets - slant * seen
     bias, disagreement = np.zeros(3), np.zeros(3)
     for axis in range(3):
@@ -105,7 +122,32 @@ def measure_offset(standings: Sequence[Standing], eye: Array | None = None) -> O
             f"{1000 * LARGEST_DISAGREEMENT:.0f} mm; measure the places again, or calibrate again where the "
             "camera hangs"
         )
-    return Offset(bias, scatter, disagreement, len(standings), slant)
+    if found is not None and abs(found) > LARGEST_SLANT:
+        raise SlantError(
+            f"offset: the places agree with a slant of {1000 * found:+.0f} mm, expected "
+            f"{1000 * LARGEST_SLANT:.0f} mm or less; measure the places again, or calibrate again where the "
+            "camera hangs"
+        )
+    return Offset(bias, scatter, disagreement, len(standings), slant, found is not None, offsets - bias)
+
+
+def next_place(standings: Sequence[Standing], camera: FixedCamera) -> Array | None:
+    """Return the place (3,) [m] that tells most of the slant beside those there are.
+
+    It is as high as they are on the mean, and seen whole; None where the camera sees no such place.
+    """
+    eye = camera.t_world_camera
+    height = float(np.mean([standing.measured[:, 2].mean() for standing in standings]))
+    steps = np.arange(-_REACH, _REACH, _STEP)
+    x, y = (np.round((eye[axis] + steps) / _STEP) * _STEP for axis in range(2))
+    places = np.array([[a, b, height] for a in x for b in y])
+    places = places[camera.inside(places) >= _MARGIN]
+    if not len(places):
+        return None
+    rays = np.array([slanted(1.0, eye, place) for place in places])
+    # A place adds to the spread of the others as the square of its distance from their mean.
+    gains = np.linalg.norm(rays - _seen(standings, eye).mean(axis=0), axis=1)
+    return np.asarray(places[int(np.argmax(gains))])
 
 
 def corrected(measurement: PoseMeasurement, bias: Array) -> PoseMeasurement:
@@ -113,14 +155,22 @@ def corrected(measurement: PoseMeasurement, bias: Array) -> PoseMeasurement:
     return replace(measurement, position=measurement.position - bias)
 
 
-def _slant(offsets: Array, seen: Array) -> float:
-    """Return the slant [m] that explains offsets (n, 3) beside a bias; `seen` (n, 3) is what 1 m does."""
+def _seen(standings: Sequence[Standing], eye: Array) -> Array:
+    """Return what a slant of 1 m does to each place, (n, 3)."""
+    return np.array([slanted(1.0, eye, standing.measured.mean(axis=0)) for standing in standings])
+
+
+def _slant(offsets: Array, seen: Array) -> float | None:
+    """Return the slant [m] that explains offsets (n, 3) beside a bias, None where they do not tell it.
+
+    `seen` (n, 3) is what 1 m does.
+    """
     known = np.isfinite(offsets[:, :2])
     drawn, found = np.where(known, seen[:, :2], np.nan), np.where(known, offsets[:, :2], np.nan)
     count = np.maximum(known.sum(axis=0), 1)
     drawn = drawn - np.nansum(drawn, axis=0) / count
     spread = float(np.nansum(drawn**2))
-    return float(np.nansum(drawn * found)) / spread if spread >= LEAST_SPREAD**2 else 0.0
+    return float(np.nansum(drawn * found)) / spread if spread >= LEAST_SPREAD**2 else None
 
 
 def _check(measured: Array, name: str) -> None:
