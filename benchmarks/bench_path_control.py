@@ -46,11 +46,11 @@ def follower_tick() -> Callable[[], object]:
     follower = PathFollower(made, model, np.ones(4), FollowerSettings(go_to_start=False))
     x = np.zeros(8)
     x[:3], x[3] = made.path.position[0], np.pi / 2
-    now = [0.0, x]
+    now, covariance = [0.0, x], np.eye(8)
 
     def tick() -> object:
         t, state = now
-        command, report = follower.step(StateEstimate(t, state, np.eye(8)), t)
+        command, report = follower.step(StateEstimate(t, state, covariance), t)
         # Near enough to flying: the state that was predicted, a tick later.
         after = predict_over_delay(
             state, t, t + DT, np.array([t]), command.as_array()[None], np.zeros(4), model.input_gains,

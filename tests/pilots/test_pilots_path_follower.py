@@ -329,22 +329,32 @@ def test_it_ends_after_its_time_and_holds_where_it_then_is():
 
 COMPILING = """
 import numpy as np
-from noctule.control.cascade import cascade, disturbance_after, predict_over_delay
-from noctule.control.paths import loc_1
-from noctule.control.paths.nearest import nearest_between
+from noctule.control.cascade import (
+    cascade, disturbance_after, disturbance_at, on_body_axes, predict_over_delay, remember,
+)
+from noctule.control.paths import Stop, loc_1, plan
+from noctule.control.paths.nearest import foot_between, foot_speed
+from noctule.control.paths.progress import _moving
 from noctule.control.paths.space_path import sample
 from noctule.estimation.filter_state import StateEstimate
 from noctule.estimation.vehicle_model import VehicleModel
-from noctule.pilots.path_follower import PathFollower, warm_up
+from noctule.pilots.path_follower import FollowerSettings, PathFollower, warm_up
 
 warm_up()
-functions = (cascade, disturbance_after, predict_over_delay, nearest_between, sample)
+functions = (
+    cascade, disturbance_after, disturbance_at, on_body_axes, predict_over_delay, remember, foot_between,
+    foot_speed, sample, _moving,
+)
 before = [len(f.signatures) for f in functions]
-follower = PathFollower(loc_1(), VehicleModel.identified(delay=0.02), np.ones(4))
-for k in range(200):
-    x = np.append(loc_1().path.at(0.01 * k).position, [1.6, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    follower.step(StateEstimate(k / 30, x, np.eye(11)), k / 30)
-assert before == [1] * 5 == [len(f.signatures) for f in functions], before
+path, phases = loc_1().path, set()
+made = plan(path, stops=(Stop(4.0, time=2.0),), laps=None)
+settings = FollowerSettings(go_to_start=False)
+follower = PathFollower(made, VehicleModel.identified(delay=0.02), np.ones(4), settings)
+for k in range(120):
+    x = np.append(path.at(0.01 * min(k, 70)).position, [1.6, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    phases.add(follower.step(StateEstimate(k / 30, x, np.eye(11)), k / 30)[1].phase)
+assert {"follow", "stop"} <= phases, phases
+assert before == [1] * len(functions) == [len(f.signatures) for f in functions], before
 """
 
 

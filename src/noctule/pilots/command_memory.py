@@ -9,9 +9,11 @@ import numpy as np
 from noctule.control.cascade import (
     CascadeSettings,
     disturbance_after,
+    disturbance_at,
     nothing_learnt,
     on_body_axes,
     predict_over_delay,
+    remember,
 )
 from noctule.estimation.vehicle_model import VehicleModel
 from noctule.geometry import Array
@@ -60,9 +62,7 @@ class CommandMemory:
 
     def remember(self, stamp: float, u: Array) -> None:
         """Keep a command (4,) that is sent at `stamp` [s]."""
-        self._stamps[:-1] = self._stamps[1:]
-        self._sent[:-1] = self._sent[1:]
-        self._stamps[-1], self._sent[-1] = stamp, u
+        remember(self._stamps, self._sent, stamp, u)
 
     def predict(self, x: Array, stamp: float, until: float) -> Array:
         """Return the state (8,) at `until` [s] of what was `x` (8,) at `stamp` [s]."""
@@ -92,5 +92,4 @@ class CommandMemory:
 
     def _weigh(self) -> None:
         """Say what acts, by what is learnt and wanted now."""
-        self.disturbance = self._learnt[:, 0] + self._learnt[:, 1] * self._wanted
-        self.push = self.disturbance / self.model.input_gains
+        self.disturbance, self.push = disturbance_at(self._learnt, self._wanted, self.model.input_gains)

@@ -121,7 +121,7 @@ class PathFollower:
         `conduct` how sure to fly. Raises FollowerError, and changes nothing, for an estimate not finite.
         """
         now = np.ascontiguousarray(estimate.x[:8])
-        if not np.isfinite(now).all():
+        if not all(map(math.isfinite, now.tolist())):
             raise FollowerError(
                 f"follower: the estimate at {estimate.stamp:.2f} s is not finite; hover until it is again"
             )
@@ -144,7 +144,7 @@ class PathFollower:
         if conduct.hover and conduct.trust <= 0.0:
             u = np.zeros(4)  # what is not known is not flown on: the vehicle holds its own velocity
         memory.remember(stamp, u)
-        report = self._report(x, wanted.pose, v_r, bool((u != free).any()), until, conduct.hover)
+        report = self._report(x, wanted.pose, v_r, u.tolist() != free.tolist(), until, conduct.hover)
         return Command.from_array(u), report
 
     def _wanted(self, x: Array, stamp: float, until: float, dt: float, conduct: Conduct) -> Reference:
@@ -249,9 +249,9 @@ def _nearer(x: Array, pose: Array, share: float) -> Array:
 
 def warm_up() -> None:
     """Compile all that a tick runs, so that the first tick of a flight does not wait for it."""
-    way = straight((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), 0.0, SpeedSettings())
+    way = straight((0.0, 0.0, 1.0), (0.2, 0.0, 1.0), 0.0, SpeedSettings())
     settings = FollowerSettings(go_to_start=False, cascade=CascadeSettings(disturbance_rate=1.0))
     follower = PathFollower(way, VehicleModel.velocity_loop(0.3, delay=0.1), np.ones(4), settings)
-    x = np.array([0.0, 0.0, 1.0, 0.0, 0.1, 0.0, 0.0, 0.0])
-    for tick in range(3):
+    for tick in range(6):  # along it, and held at its end
+        x = np.array([0.05 * tick, 0.0, 1.0, 0.0, 0.1, 0.0, 0.0, 0.0])
         follower.step(StateEstimate(0.03 * tick, x, np.eye(8)), 0.03 * tick)

@@ -79,3 +79,10 @@ def disturbance_after(
         P[i, 1, 0] = P[i, 0, 1]
         P[i, 1, 1] -= h * h / variance
     return after, P
+
+
+@compiled
+def disturbance_at(learnt: Array, wanted: Array, gains: Array) -> tuple[Array, Array]:
+    """Return what acts at the body velocity `wanted` (4,), (4,) [m/s^2, rad/s^2], and as a command (4,)."""
+    acts = learnt[:, 0] + learnt[:, 1] * wanted
+    return acts, acts / gains

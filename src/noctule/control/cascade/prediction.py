@@ -87,3 +87,15 @@ def predict_over_delay(
         now = end
         k = min(k + 1, stamps.size - 1)
     return state
+
+
+@compiled
+def remember(stamps: Array, commands: Array, stamp: float, u: Array) -> None:
+    """Let the oldest of the `commands` (n, 4) go for `u` (4,), sent at `stamp` [s], in place."""
+    for k in range(stamps.size - 1):
+        stamps[k] = stamps[k + 1]
+        for i in range(4):
+            commands[k, i] = commands[k + 1, i]
+    stamps[-1] = stamp
+    for i in range(4):
+        commands[-1, i] = u[i]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from noctule.compiled import compiled
-from noctule.control.paths.space_path import SpacePath, sample, segment_of
+from noctule.control.paths.space_path import PathPoint, SpacePath, sample, segment_of
 from noctule.geometry import Array
 
 WINDOW = 0.3  # [m], how far along the path the nearest point may have moved since the last tick
@@ -23,6 +23,20 @@ def nearest(path: SpacePath, x: Array, last: float, low: float = -np.inf, high: 
     return nearest_between(
         path.s, path.position, path.tangent, path.curvature, path.closed, x, last, low, high
     )
+
+
+def foot(
+    path: SpacePath, x: Array, last: float, low: float = -np.inf, high: float = np.inf
+) -> tuple[PathPoint, float]:
+    """Return the nearest point as `nearest` finds it, and how fast [m/s] it moves along the path.
+
+    `x` (8,) is the state: x, y, z [m], yaw [rad], their rates in the world.
+    """
+    low, high = max(low, last - WINDOW), min(high, last + WINDOW)
+    s, flown, p = foot_between(
+        path.s, path.position, path.tangent, path.curvature, path.closed, x, last, low, high
+    )
+    return PathPoint(s, p[:3], p[3:6], p[6:]), flown
 
 
 def nearest_anywhere(path: SpacePath, x: Array) -> float:
@@ -85,6 +99,36 @@ def nearest_between(
                 offset += way * total
                 i = 0 if way > 0 else nodes.size - 2
     return _refined(nodes, position, tangent, curvature, closed, x, best_s, low, high)
+
+
+@compiled
+def foot_between(
+    nodes: Array,
+    position: Array,
+    tangent: Array,
+    curvature: Array,
+    closed: bool,
+    x: Array,
+    last: float,
+    low: float,
+    high: float,
+) -> tuple[float, float, Array]:
+    """Return what `foot` does, the point as (9,), with all its bounds given."""
+    s = nearest_between(nodes, position, tangent, curvature, closed, x, last, low, high)
+    total = nodes[-1]
+    within = s - np.floor(s / total) * total if closed else min(max(s, 0.0), total)
+    p = sample(nodes, position, tangent, curvature, within)
+    return s, foot_speed(p[:3], p[3:6], p[6:], x), p
+
+
+@compiled
+def foot_speed(position: Array, tangent: Array, curvature: Array, x: Array) -> float:
+    """Return how fast [m/s] the nearest point, as in PathPoint, moves along the path under `x` (8,)."""
+    along, inside = 0.0, 0.0
+    for k in range(3):
+        along += x[4 + k] * tangent[k]
+        inside += (x[k] - position[k]) * curvature[k]
+    return along / max(1.0 - inside, 0.2)
 
 
 @compiled

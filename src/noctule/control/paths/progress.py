@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from noctule.compiled import compiled
 from noctule.control.paths.heading import TurnReference, heading_at
-from noctule.control.paths.nearest import nearest
+from noctule.control.paths.nearest import foot, foot_speed
 from noctule.control.paths.plan import PathPlan, Stop
 from noctule.control.paths.space_path import PathPoint
 from noctule.control.paths.speed import approach_speed, braking_distance
@@ -64,24 +65,19 @@ def advance(
     path = plan.path
     if now.holding:
         now = _release(plan, now, t)
-    s = now.gate if now.holding else nearest(path, x[:3], now.s, now.floor, now.gate)
-    point = path.at(s)
-    flown = foot_speed(point, x)
-    now = _begin_timed(plan, now, s, flown, t)
-    if not now.holding and now.gate - s <= CAPTURE:
+    if now.holding:
+        point = path.at(now.gate)
+        flown = foot_speed(point.position, point.tangent, point.curvature, x)
+    else:
+        point, flown = foot(path, x, now.s, now.floor, now.gate)
+    now = _begin_timed(plan, now, point.s, flown, t)
+    if not now.holding and now.gate - point.s <= CAPTURE:
         now = replace(now, holding=True, s=now.gate, speed=0.0, allowed=0.0)
         point = path.at(now.gate)
     now = _arrival(plan, now, x, point, t)
     if now.holding:
         return _held(plan, now, point, dt)
     return _cruising(plan, now, point, flown, dt, pace)
-
-
-def foot_speed(point: PathPoint, x: Array) -> float:
-    """Return how fast [m/s] the nearest point moves along the path under the state `x` (8,)."""
-    along = float(x[4:7] @ point.tangent)
-    inside = float((x[:3] - point.position) @ point.curvature)
-    return along / max(1.0 - inside, 0.2)
 
 
 def _cruising(
@@ -103,12 +99,36 @@ def _cruising(
         change, allowed = slope * speed, profile
     target = _turned(plan, now, point, speed, dt)
     now = replace(now, s=point.s, turn=target, allowed=allowed, speed=speed)
-    velocity, motion, acceleration = np.empty(4), np.empty(4), np.empty(4)
-    velocity[:3], velocity[3] = speed * point.tangent, target.rate
-    motion[:3], motion[3] = flown * point.tangent, target.rate
-    acceleration[:3] = change * point.tangent + (speed * flown) * point.curvature
-    acceleration[3] = target.acceleration
-    return now, Reference(_pose(point, target), velocity, motion, acceleration)
+    wanted = _moving(
+        point.position, point.tangent, point.curvature, speed, flown, change,
+        target.yaw, target.rate, target.acceleration,
+    )  # fmt: skip
+    return now, Reference(wanted[0], wanted[1], wanted[2], wanted[3])
+
+
+@compiled
+def _moving(
+    position: Array,
+    tangent: Array,
+    curvature: Array,
+    speed: float,
+    flown: float,
+    change: float,
+    yaw: float,
+    yaw_rate: float,
+    yaw_acceleration: float,
+) -> Array:
+    """Return pose, velocity, motion and acceleration of a Reference, (4, 4), at a point of the path.
+
+    `speed` and its `change` are wanted, at `flown` the point itself moves [m/s, m/s^2].
+    """
+    wanted = np.empty((4, 4))
+    for k in range(3):
+        wanted[0, k] = position[k]
+        wanted[1, k], wanted[2, k] = speed * tangent[k], flown * tangent[k]
+        wanted[3, k] = change * tangent[k] + speed * flown * curvature[k]
+    wanted[0, 3], wanted[1, 3], wanted[2, 3], wanted[3, 3] = yaw, yaw_rate, yaw_rate, yaw_acceleration
+    return wanted
 
 
 def _held(plan: PathPlan, now: Progress, point: PathPoint, dt: float) -> tuple[Progress, Reference]:
