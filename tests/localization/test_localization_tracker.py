@@ -61,6 +61,35 @@ def test_a_slip_is_noticed_in_six_to_nine_frames_however_long_it_was_right():
             pytest.fail("the slip was not noticed")
 
 
+def test_at_the_bound_one_frame_in_three_is_weighed_and_all_once_one_disagrees():
+    total, due = summed([USUAL] * 5)[0], []
+    for _ in range(12):
+        due.append(total.due)
+        total, around = total.add(USUAL if total.due else None)
+        assert not around
+        assert total.evidence == MOST
+        assert total.facing is Facing.CERTAIN
+    assert due == [False, False, True] * 4
+    total = total.add(None)[0].add(None)[0].add(-USUAL)[0]
+    assert total.due
+    assert summed([USUAL] * 3)[0].due  # certain, but not yet at the bound
+    assert HalfTurn().due
+
+
+@pytest.mark.parametrize("since", [0, 1, 2])
+def test_a_slip_at_the_bound_is_noticed_in_a_third_of_a_second_whichever_frame_it_falls_on(since):
+    total = summed([USUAL] * 10)[0]
+    for _ in range(since):
+        total, _ = total.add(None)
+    for frames in range(1, 20):
+        total, around = total.add(-USUAL if total.due else None)
+        if around:
+            assert 8 <= frames <= 10
+            assert total.slipped
+            return
+    pytest.fail("the slip was not noticed")
+
+
 def test_after_a_slip_the_next_frame_is_no_slip():
     total, _ = summed([USUAL] * 10 + [-USUAL] * 8)
     assert total.slipped

@@ -101,7 +101,7 @@ class Locator:
         reason, looked = "", LocatorDiagnostics()
         if self._track is not None:
             expected = merged(self._track, frame.stamp, prediction)
-            found = self._look(scene, expected)
+            found = self._look(scene, expected, self._track.half_turn.due)
             looked = _diagnostics(found)
             reason = self._doubt(frame.stamp, found, expected)
             if not reason:
@@ -112,11 +112,11 @@ class Locator:
                 self._track = None
         return self._search(scene, frame.stamp, reason, looked)
 
-    def _look(self, scene: Scene, expected: Prediction) -> Registration:
+    def _look(self, scene: Scene, expected: Prediction, weighed: bool) -> Registration:
         P = expected.covariance
         wide = math.sqrt(max(P[0, 0], P[1, 1]))
         reach = min(max(math.ceil(2.0 * wide / _STEP), 1), _MOST_STEPS)
-        return register(scene, expected.pose, reach=reach)
+        return register(scene, expected.pose, reach=reach, weighed=weighed)
 
     def _doubt(self, stamp: float, found: Registration, expected: Prediction) -> str:
         """Return why what was found where the drone must be is not it, "" when it is."""
@@ -274,7 +274,9 @@ def _held(found: Registration, near: Pose, away: float, turn: float) -> Registra
         return None
     if abs(wrap_angle(held.yaw - near.yaw)) >= turn:
         return None
-    return replace(found, pose=held, half_turn=found.half_turn if held is found.pose else -found.half_turn)
+    if held is found.pose or found.half_turn is None:
+        return replace(found, pose=held)
+    return replace(found, pose=held, half_turn=-found.half_turn)
 
 
 def _diagnostics(found: Registration) -> LocatorDiagnostics:

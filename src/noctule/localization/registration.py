@@ -41,7 +41,7 @@ class Registration:
     visible: float  # share of the template that was seen, drone or free
     outline: float  # misfit of the outline, per cell seen
     relief: float  # misfit of the surface, per cell seen; about a half is usual, 4.5 the most
-    half_turn: float  # log-likelihood ratio against the half turn, as seen in this frame
+    half_turn: float | None  # log-likelihood ratio against the half turn in this frame; None: not weighed
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +67,18 @@ def align(
 
 
 def register(
-    scene: Scene, predicted: Pose, headings: Array = NEAR, reach: int = 1, searched: bool = False
+    scene: Scene,
+    predicted: Pose,
+    headings: Array = NEAR,
+    reach: int = 1,
+    searched: bool = False,
+    weighed: bool = True,
 ) -> Registration:
     """Register the template around a predicted pose.
 
     It is refined from there; where that does not explain what is seen (or `searched`), `headings` [rad] about
-    the predicted are tried, each over shifts of `reach` steps of 4 cm, and the best is refined.
+    the predicted are tried, each over shifts of `reach` steps of 4 cm, and the best is refined. The half turn
+    is `weighed` or left out.
     """
     matcher = scene.matcher
     view = scene.view(predicted)
@@ -84,8 +90,8 @@ def register(
         other = matcher.refine(around.share, around.trust, starts[int(np.argmax(scores))])
         other_fit = matcher.assess(around, other[0])
         if other_fit.score > fit.score:
-            return _completed(scene, around, *other, other_fit)
-    return _completed(scene, view, at, information, fit)
+            return _completed(scene, around, *other, other_fit, weighed)
+    return _completed(scene, view, at, information, fit, weighed)
 
 
 def acquire(scene: Scene, position: Array, reach: int = 3) -> Registration:
@@ -105,7 +111,9 @@ def acquire(scene: Scene, position: Array, reach: int = 3) -> Registration:
     return register(scene, _moved(view, best, matcher.assess(view, best).surface))
 
 
-def _completed(scene: Scene, view: Evidence, at: Array, information: Array, fit: Fit) -> Registration:
+def _completed(
+    scene: Scene, view: Evidence, at: Array, information: Array, fit: Fit, weighed: bool
+) -> Registration:
     """Return the answer with its height, which was perhaps predicted too badly to trust the rest."""
     matcher = scene.matcher
     pose = _moved(view, at, fit.surface)
@@ -123,7 +131,7 @@ def _completed(scene: Scene, view: Evidence, at: Array, information: Array, fit:
         min(fit.seen / matcher.seen, 1.0),
         fit.outline,
         fit.relief,
-        matcher.against_half_turn(scene.depth, scene.nearest, scene.camera, pose),
+        matcher.against_half_turn(scene.depth, scene.nearest, scene.camera, pose) if weighed else None,
     )
 
 
