@@ -225,7 +225,7 @@ class Decision:
     diagnostics: Diagnostics = field(default_factory=Diagnostics)
     requests: tuple[MatchRequest, ...] = ()
     outcome: Outcome | None = None  # the pilot may end with REACHED, LOST or STUCK
-    reason: str = ""
+    reason: str = ""  # of the outcome; before there is one, what a pilot that searches is kept by
     whereabouts: Whereabouts | None = None  # of a pilot that is located, once it knows
 
 

@@ -42,7 +42,7 @@ def test_one_that_is_lost_says_that_it_landed_and_why():
         "reason": "nothing was seen",
     }
     text = flight_text(lost)
-    assert "The drone no longer knew where it was and landed after 12.5 s: nothing was seen." in text
+    assert "The drone did not know where it was and landed after 12.5 s: nothing was seen." in text
 
 
 def test_missions_below_the_camera_are_listed(noctule):

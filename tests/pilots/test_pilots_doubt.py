@@ -217,6 +217,5 @@ def test_reasons_that_nobody_wrote_words_for_are_told_as_they_are():
     assert in_words("a reason: of nobody") == "a reason: of nobody"
     assert in_words("") == "what it saw was not believed"
     assert not_found(20.0, "nothing in view: no foreground is as large as a drone") == (
-        "the drone was not found within 20 s: nothing in view: no foreground is as large as a drone; "
-        "is it in view of the ceiling camera?"
+        "the drone was not found within 20 s (nothing is in view); is it in view of the ceiling camera?"
     )

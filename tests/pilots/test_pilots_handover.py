@@ -37,9 +37,8 @@ class Visual:
 
 def flown(visual, settings=None, **more):
     settings = settings or HandoverSettings()
-    flight = fly(
-        WAY, seconds=14.0, pilot_of=lambda located: HandoverPilot(located, visual, LIMIT, settings), **more
-    )
+    more = {"seconds": 14.0, **more}
+    flight = fly(WAY, pilot_of=lambda located: HandoverPilot(located, visual, LIMIT, settings), **more)
     return flight, [d.phase for d in flight.decisions]
 
 
@@ -102,3 +101,21 @@ def test_a_drone_that_is_lost_on_the_way_never_reaches_the_visual_pilot():
     assert ended.outcome is Outcome.LOST
     assert ended.reason.startswith("the ceiling camera has not seen the drone for 10.0 s")
     assert visual.asked == []
+
+
+def test_a_drone_hidden_at_the_handover_point_is_waited_for_and_then_handed_over():
+    # Longer than the visual pilot has to recognise in, shorter than the camera may miss the drone.
+    flight, phases = flown(Visual(recognises=1.5), HandoverSettings(warm_up_s=2.0), hidden=((4.2, 10.5),))
+    warm, taken = phases.index("hand over"), phases.index("flying")
+    assert flight.t[warm] < 4.2
+    assert flight.t[taken] > 10.5
+    assert all(d.outcome is None for d in flight.decisions[: taken + 1])
+
+
+def test_a_drone_that_stays_hidden_there_is_landed_with_the_cameras_reason():
+    flight, _ = flown(
+        Visual(recognises=np.inf), HandoverSettings(warm_up_s=2.0), hidden=((4.2, 99.0),), seconds=18.0
+    )
+    ended = next(d for d in flight.decisions if d.outcome is not None)
+    assert ended.outcome is Outcome.LOST
+    assert ended.reason.startswith("the ceiling camera has not seen the drone for 10.0 s")

@@ -30,7 +30,9 @@ from noctule.reports.figure_plans import LOCATED, VISUAL, plans_of
 from noctule.reports.flight_report import draw_figures, flight_page
 from noctule.reports.headings import turning
 from noctule.reports.loading import flight_log
+from noctule.reports.located_loading import located_log
 from noctule.reports.located_log import between, spans
+from noctule.reports.located_scene import LocatedScene
 from noctule.reports.located_series import control_figure, estimate_figure, pose_figure, speed_figure
 from noctule.reports.located_views import hover_figure, path_figure
 from noctule.reports.page import png_size
@@ -193,8 +195,8 @@ def test_frames_without_the_drone_are_counted_by_their_reason(log):
     [
         ("reached", "The drone flew its path to the end in 40.0 s, 4.7 mm from it on average."),
         ("completed", "The drone flew its path to the end in 40.0 s, 4.7 mm from it on average."),
-        ("lost", "The drone no longer knew where it was and landed after 40.0 s: hidden."),
-        ("landed_lost", "The drone no longer knew where it was and landed after 40.0 s: hidden."),
+        ("lost", "The drone did not know where it was and landed after 40.0 s: hidden."),
+        ("landed_lost", "The drone did not know where it was and landed after 40.0 s: hidden."),
         ("contact", "The drone touched something after 40.0 s: hidden."),
         ("fence", "The drone left its fence within 40.0 s: hidden."),
         ("diverged", "The drone went astray within 40.0 s: hidden."),
@@ -329,7 +331,9 @@ def write_flight(path, ticks: int = 8, truth: bool = True, handed_over: int = 99
                 (),
                 Truth(stamp, Pose(place, yaw), np.array([0.3, 0.0, 0.0]), 0.5) if truth else None,
                 sent_message(stamp, Command(), Command(), "flying", "pass", ""),
-                Decision(Command(), phase_of(i, handed_over), whereabouts=known if i > 1 else None),
+                Decision(Command(), phase_of(i, handed_over), whereabouts=known)
+                if i > 1
+                else Decision(Command(), "searching", reason=f"confirming: {i}"),
                 1.0,
                 depth=DepthFrame(stamp - 0.04, np.zeros((4, 4), np.uint16)) if i != 3 else None,
             )
@@ -347,6 +351,7 @@ def test_what_the_pilot_held_is_read_from_the_recording(tmp_path):
     assert located.measured_times == pytest.approx(located.times[[3, 5, 7]] - 0.04)
     assert located.framed.tolist() == [True] * 3 + [False] + [True] * 4
     assert located.unseen_reasons[4] == "occluded: 3 % of it"
+    assert located.unseen_reasons[1] == "confirming: 1"  # while it searched
     assert np.isnan(located.reported_yaw[0])
     assert located.reported_yaw[1] == 0.5
     assert located.estimate_off[4] == pytest.approx([0.01, 0.01, 0.01, 0.02])
@@ -379,6 +384,19 @@ def test_a_real_flight_has_no_truth_in_its_log(tmp_path):
 
 def test_a_pilot_that_never_says_where_it_is_has_no_such_log(tmp_path):
     assert flight_log(write_flight(tmp_path / "a.mcap", ticks=2)).located is None
+
+
+def test_one_that_was_to_and_never_found_itself_has_what_kept_it_and_no_empty_figures(log, tmp_path):
+    flown = write_flight(tmp_path / "a.mcap", ticks=2).flown
+    located = located_log(flown, flown[0].stamp, LocatedScene(path=make_located(1.0).path))
+    assert located is not None
+    assert located.doubts == ("", "")
+    assert unseen_in_words(located) == ["not seen in 2 of 2 frames: confirming 2"]
+    page = flight_page(never := replace(log, located=located), draw_figures(never))
+    names = [plan.name for plan in plans_of(never)]
+    assert names == ["path", "doubt", "heading", "speed", "velocities", "clearance", "ticks"]
+    assert "The pilot never knew where it was." in page
+    assert "What the camera saw" not in page
 
 
 def test_a_flight_that_lasts_a_few_ticks_is_drawn_all_the_same(tmp_path):

@@ -8,8 +8,8 @@ _UNSEEN = {
     "occluded": "too little of it is seen",
     "outside the picture": "it is outside the picture",
     "low score": "what is there does not look like it",
-    "another shape": "what is there does not look like it",
-    "in doubt": "too little of it fits",
+    "another shape": "what is there has another shape, as a person has",
+    "in doubt": "too little of it fits, as when somebody stands beside or over it",
     "jump": "what is seen is not where the drone must be",
     "nothing in view": "nothing is in view",
     "no drone in view": "nothing in view looks like it",
@@ -62,4 +62,5 @@ def because_turned() -> str:
 
 def not_found(limit: float, why: str) -> str:
     """Return the words for a search that found no drone within its `limit` [s]."""
-    return f"the drone was not found within {limit:.0f} s: {why}; is it in view of the ceiling camera?"
+    seen = in_words(why)
+    return f"the drone was not found within {limit:.0f} s ({seen}); is it in view of the ceiling camera?"

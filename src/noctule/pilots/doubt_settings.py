@@ -57,7 +57,7 @@ class DoubtSettings(Settings):
         0.2, gt=0.0, le=10.0, description="hovering, position errors count less above this deviation [m]"
     )
     distrust_m: float = Field(0.5, gt=0.0, le=10.0, description="and not at all above this one [m]")
-    search_s: float = Field(20.0, gt=0.0, le=600.0, description="to find the drone at the beginning [s]")
+    search_s: float = Field(10.0, gt=0.0, le=600.0, description="to find the drone at the beginning [s]")
     search_poses: int = Field(10, ge=1, le=1000, description="that must agree in a row to begin")
 
     @model_validator(mode="after")

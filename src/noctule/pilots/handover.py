@@ -26,7 +26,7 @@ class HandoverPilot:
     visual: Pilot
     limits: Limits
     settings: HandoverSettings = field(default_factory=HandoverSettings)
-    _waiting_since: float = math.nan  # [s], when the located flight ended
+    _waited: float = math.nan  # [s] since the located flight ended, but for hovering in doubt
     _agrees_since: float = math.nan  # [s], when the visual pilot began to recognise
     _taken: float = math.nan  # [s], when the visual pilot took over
     _last: float = math.nan  # [s], the last tick
@@ -39,11 +39,14 @@ class HandoverPilot:
         dt = 0.0 if math.isnan(self._last) else max(0.0, now - self._last)
         self._last = now
         located = self.located.step(observation)
-        if math.isnan(self._waiting_since):
+        if math.isnan(self._waited):
             if located.outcome is not Outcome.REACHED:
                 self._sent = located.command
                 return located
-            self._waiting_since = now
+            self._waited = 0.0
+        elif self.located.doubt is not Doubt.HOVER:
+            # A drone in doubt is perhaps not where the path begins; its own limits end that.
+            self._waited += dt
         visual = self.visual.step(observation)
         if math.isnan(self._taken):
             decision = self._warm_up(now, located, visual)
@@ -68,13 +71,13 @@ class HandoverPilot:
         if now - self._agrees_since >= self.settings.agree_s:
             self._taken = now
             return replace(decision, phase=visual.phase, outcome=visual.outcome, reason=visual.reason)
-        if visual.outcome is not None or now - self._waiting_since > self.settings.warm_up_s:
+        if visual.outcome is not None or self._waited > self.settings.warm_up_s:
             why = f": {visual.reason}" if visual.reason else ""
             return replace(
                 decision,
                 outcome=Outcome.LOST,
                 reason="the visual pilot does not recognise the first key image from here, after "
-                f"{now - self._waiting_since:.1f} s{why}; end the path in space where the visual path begins",
+                f"{self._waited:.1f} s{why}; end the path in space where the visual path begins",
             )
         return decision
 

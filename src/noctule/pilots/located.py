@@ -96,7 +96,7 @@ class LocatedPilot:
         """Hover until the drone is found, or give up with the reason."""
         now, limit = observation.stamp, self.settings.doubt.search_s
         facts = self.senses.facts(now, estimate, self._settled)
-        outcome, reason = None, ""
+        outcome, reason = None, self.senses.why_unseen
         if now - self._begun > limit:
             outcome, reason = Outcome.LOST, not_found(limit, self.senses.why)
         whereabouts = None if estimate is None else self._whereabouts(estimate, facts)

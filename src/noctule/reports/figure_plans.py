@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from noctule.reports.doubt_strip import doubt_figure
@@ -141,11 +142,19 @@ LOCATED = (
     ),
 )  # fmt: skip
 
+_OF_AN_ESTIMATE = ("pose", "control", "hover", "estimate")
+
 
 def plans_of(log: FlightLog) -> tuple[Plan, ...]:
-    """Return the figures of a flight; one that was located and then flown by pictures has both kinds."""
+    """Return the figures of a flight; one that was located and then flown by pictures has both kinds.
+
+    Of a pilot that never knew where it was, what is drawn of an estimate is left out.
+    """
     if log.located is None:
         return VISUAL
     always = ("clearance", "ticks")
     known = {plan.name for plan in LOCATED}
-    return LOCATED + tuple(p for p in VISUAL if p.name not in known and (log.by_pictures or p.name in always))
+    others = tuple(p for p in VISUAL if p.name not in known and (log.by_pictures or p.name in always))
+    if not np.isfinite(log.located.fused).any():
+        return tuple(plan for plan in LOCATED if plan.name not in _OF_AN_ESTIMATE) + others
+    return LOCATED + others

@@ -8,7 +8,7 @@ import numpy as np
 
 from noctule.flight.reader import Tick
 from noctule.geometry import Array
-from noctule.messages import Whereabouts
+from noctule.messages import Decision
 from noctule.pilots.handover import WARM_UP
 from noctule.reports.located_log import LocatedLog, between
 from noctule.reports.located_scene import LocatedScene
@@ -17,12 +17,12 @@ _NOTHING = np.full(4, np.nan)
 
 
 def located_log(flown: Sequence[Tick], start: float, scene: LocatedScene) -> LocatedLog | None:
-    """Return what `flown` ticks hold of where the pilot was; None of a pilot that never said.
+    """Return what `flown` ticks hold of where the pilot was; None of a pilot that is not located.
 
     `start` [s] is the stamp at which the report's time begins.
     """
     where = [None if t.decision is None else t.decision.whereabouts for t in flown]
-    if all(w is None for w in where):
+    if all(w is None for w in where) and scene.path is None:
         return None
     times = np.array([t.stamp - start for t in flown])
     phases = tuple("" if t.decision is None else t.decision.phase for t in flown)
@@ -45,7 +45,7 @@ def located_log(flown: Sequence[Tick], start: float, scene: LocatedScene) -> Loc
         doubt_reasons=tuple("" if w is None else w.doubt_reason for w in where),
         framed=np.array([t.depth_stamp is not None for t in flown]),
         seen=np.array([w is not None and w.measured is not None for w in where]),
-        unseen_reasons=tuple(_why(w) for w in where),
+        unseen_reasons=tuple(_why(t.decision) for t in flown),
         measured_times=np.array([m.stamp - start for m in seen]),
         measured=np.array([np.append(m.position, m.yaw) for m in seen]).reshape(-1, 4),
         reported_yaw=np.array([_reported_yaw(t) for t in flown]),
@@ -64,8 +64,11 @@ def _handed_over(times: Array, phases: Sequence[str]) -> float:
     return float(times[taken]) if taken < len(phases) and phases[taken] else float("nan")
 
 
-def _why(where: Whereabouts | None) -> str:
-    return "" if where is None else where.unseen_reason
+def _why(decision: Decision | None) -> str:
+    if decision is None or (decision.whereabouts is None and decision.outcome is not None):
+        return ""
+    # Before it knows where it is a pilot says with the decision itself why the drone is not seen.
+    return decision.reason if decision.whereabouts is None else decision.whereabouts.unseen_reason
 
 
 def _reported_yaw(tick: Tick) -> float:

@@ -144,7 +144,7 @@ def in_words_located(summary: Mapping[str, Any], recorded_s: float) -> str:
     if summary.get("outcome") in ("reached", "completed"):
         near = f", {number(1e3 * mean, 'mm')} from it on average" if math.isfinite(mean) else ""
         return f"The drone flew its path to the end in {duration}{near}."
-    lost = f"The drone no longer knew where it was and landed after {duration}{because}"
+    lost = f"The drone did not know where it was and landed after {duration}{because}"
     sentences = {
         "lost": lost,
         "landed_lost": lost,
