@@ -60,6 +60,24 @@ def test_hovering_counts_from_the_fourth_second_of_a_stop_against_the_held_point
     assert located_figures(ALONG_X, flown.samples)["hover_rms_m"] == pytest.approx(0.02)
 
 
+def test_a_push_and_hovering_in_doubt_are_no_following_as_in_the_experiments():
+    flown = Flown()
+    for k in range(80):
+        # Pushed away at the 20th tick (2 s) for as long as a recovery is given; later in doubt.
+        pushed, doubtful = 20 <= k < 50, k >= 70
+        flown.tick(
+            "follow",
+            (1.0, 0.4 if pushed else 0.3 if doubtful else 0.01, 1.0),
+            yaw=1.0 if pushed or doubtful else 0.02,
+            doubt=Doubt.HOVER if doubtful else Doubt.FLY_ON,
+        )
+    push = flown.samples.times[20]
+    found = located_figures(ALONG_X, flown.samples, (push,))
+    assert found["cross_track_max_m"] == pytest.approx(0.01)
+    assert found["heading_p95_deg"] == pytest.approx(math.degrees(0.02))
+    assert located_figures(ALONG_X, flown.samples)["cross_track_max_m"] == pytest.approx(0.4)
+
+
 def test_what_the_pilot_held_is_compared_with_the_truth_and_headings_the_short_way_round():
     flown = Flown()
     flown.tick("follow", (1.0, 0.0, 1.0), yaw=math.radians(2.0), held=(1.0, 0.003, 1.004))

@@ -1,10 +1,12 @@
 """The figures of a flight along a path in space, by the truth: how near to the path, how well it knew itself.
 
-Cross-track leaves out stops, hovering the first 4 s of a stop; positions are three-dimensional.
+Cross-track leaves out stops, hovering the first 4 s of a stop, and both and the heading what is no following:
+the 3 s after a push, and hovering in doubt. Positions are three-dimensional.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,12 +23,17 @@ FIGURES = (
 )  # fmt: skip
 _ON_PATH = ("follow", "stop")  # phases of the follower
 _SETTLING = 4.0  # [s] of a stop
+_PUSHED = 3.0  # [s] after a push that are a recovery and nothing else
 _UNSEEN = 0.25  # [s] without a measurement of the camera, after which the vehicle counts as lost
 _SURE = (Doubt.SURE, Doubt.FLY_ON)
+_NOT_FLOWN = (Doubt.HOVER, Doubt.LAND)
 
 
-def located_figures(plan: PathPlan, samples: Samples) -> dict[str, Any]:
-    """Return FIGURES by name; None where nothing of the kind was flown, or nobody knows the truth."""
+def located_figures(plan: PathPlan, samples: Samples, pushes: Sequence[float] = ()) -> dict[str, Any]:
+    """Return FIGURES by name; None where nothing of the kind was flown, or nobody knows the truth.
+
+    `pushes` [s, the flight's clock] are when somebody pushed the drone.
+    """
     if len(samples.truths) != len(samples.whereabouts):
         return dict.fromkeys(FIGURES)
     rows = [
@@ -43,10 +50,12 @@ def located_figures(plan: PathPlan, samples: Samples) -> dict[str, Any]:
     wanted = np.array([known.wanted for _, _, known, _ in rows])
     held = np.array([[*known.position, known.yaw] for _, _, known, _ in rows])
     stopped = np.array([phase == "stop" for *_, phase in rows])
+    flying = ~np.array([known.doubt in _NOT_FLOWN for _, _, known, _ in rows]) & ~_pushed(times, pushes)
     path = plan.path
     nearest = [path.at(nearest_anywhere(path, x)).position for x in np.ascontiguousarray(true[:, :3])]
-    across = np.linalg.norm(true[:, :3] - np.array(nearest), axis=1)[~stopped]
-    standing = np.linalg.norm((true - wanted)[:, :3], axis=1)[_settled(times, stopped)]
+    across = np.linalg.norm(true[:, :3] - np.array(nearest), axis=1)[~stopped & flying]
+    standing = np.linalg.norm((true - wanted)[:, :3], axis=1)[_settled(times, stopped) & flying]
+    turned = np.abs(np.degrees(_wrapped(true[:, 3] - wanted[:, 3])))[flying]
     away = np.linalg.norm((held - true)[:, :3], axis=1)
     yaw = np.degrees(_wrapped(held[:, 3] - true[:, 3]))
     return {
@@ -54,7 +63,7 @@ def located_figures(plan: PathPlan, samples: Samples) -> dict[str, Any]:
         "cross_track_mean_m": _of(across, np.mean),
         "cross_track_p95_m": _of(across, _p95),
         "hover_rms_m": _of(standing, _rms),
-        "heading_p95_deg": _of(np.abs(np.degrees(_wrapped(true[:, 3] - wanted[:, 3]))), _p95),
+        "heading_p95_deg": _of(turned, _p95),
         "position_rms_m": _of(away, _rms),
         "position_p95_m": _of(away, _p95),
         "yaw_mean_deg": _of(yaw, np.mean),
@@ -73,6 +82,14 @@ def _settled(times: Array, stopped: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which ticks (n,) belong to a stop but to its first 4 s."""
     moved = np.maximum.accumulate(np.where(stopped, times[0], times))  # when it last did
     return np.asarray(stopped & (times - moved > _SETTLING))
+
+
+def _pushed(times: Array, pushes: Sequence[float]) -> NDArray[np.bool_]:
+    """Return which ticks (n,) lie within 3 s after the beginning of a push."""
+    after = np.zeros(times.shape, dtype=bool)
+    for push in pushes:
+        after |= (times >= push) & (times < push + _PUSHED)
+    return after
 
 
 def _lost(samples: Samples) -> float:

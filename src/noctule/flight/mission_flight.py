@@ -242,7 +242,10 @@ def _sum_up(
     goal, reference = truth[-1] if truth else None, reference_of(mission, truth or ())
     plan = None if located is None else located.plan
     outcome = str(flown.outcome)
-    return summarise(flown.samples, goal, outcome, flown.reason, flown.realtime_factor, reference, plan)
+    pushes = [push.time_s for push in mission.vehicle.pushes]
+    return summarise(
+        flown.samples, goal, outcome, flown.reason, flown.realtime_factor, reference, plan, pushes
+    )
 
 
 def _write_summary(path: Path, summary: dict[str, Any]) -> None:

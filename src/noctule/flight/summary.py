@@ -56,11 +56,13 @@ def summarise(
     realtime_factor: float | None,
     reference: Reference | None = None,
     plan: PathPlan | None = None,
+    pushes: Sequence[float] = (),
 ) -> dict[str, Any]:
     """Return the figures of a flight; `goal` is where the last key image was really taken.
 
     `reference` is the curve that the body was to follow, None where nobody knows it. A path in space has a
-    `plan` instead, and where there is no `goal` the flight's is where the pilot wanted to be at its end.
+    `plan` instead, perhaps `pushes` [s, the flight's clock], and where there is no `goal` the flight's is
+    where the pilot wanted to be at its end.
     Time runs from the pilot's first tick to its last; the pose at the end is the true one at that last tick.
     """
     if plan is not None and goal is None:
@@ -86,7 +88,7 @@ def summarise(
         },
         "realtime_factor": realtime_factor,
         **cross_track(reference, samples.times, positions, samples.targets),
-        **({} if plan is None else located_figures(plan, samples)),
+        **({} if plan is None else located_figures(plan, samples, pushes)),
         "recording": None,
         "report": None,
     }
@@ -117,10 +119,13 @@ def _worked_out(recording: Recording) -> dict[str, Any]:
         mission = Mission.model_validate_json(recording.files.get("mission.json", b""))
         plan = None if mission.space_path is None else mission.space_plan()
         reference = reference_of(mission, truth)
+        pushes = [push.time_s for push in mission.vehicle.pushes]
     except (ValidationError, NoctuleError):  # of another version: all the other figures can still be told
-        reference, plan = None, None
+        reference, plan, pushes = None, None, []
     goal = truth[-1] if truth else None
-    return summarise(samples_of(recording.ticks), goal, *_outcome_of(recording), None, reference, plan)
+    return summarise(
+        samples_of(recording.ticks), goal, *_outcome_of(recording), None, reference, plan, pushes
+    )
 
 
 def summary_of(recording: Recording) -> dict[str, Any]:
