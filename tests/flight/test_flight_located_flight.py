@@ -15,6 +15,7 @@ from noctule.flight.teach_ceiling import teach_ceiling
 from noctule.flight.teach_sensors import teach_sensors
 from noctule.geometry import wrap_angle
 from noctule.localization.site import load_site
+from noctule.messages import Doubt
 from noctule.simulation.navdata import NavdataSpec, table_3_error
 from noctule.simulation.spec import VehicleSpec
 
@@ -68,6 +69,43 @@ def below(site, text=""):
     """Return the same mission below a camera that is taught already."""
     mission = parse_mission(MISSION + text, "short.toml")
     return mission.model_copy(update={"ceiling": mission.ceiling.model_copy(update={"site": site})})
+
+
+FAULTS = {
+    "camera": (
+        "[ceiling.bump]\ntime_s = 6.0\nroll_deg = 2.0\n",
+        "the ceiling camera has not seen the drone for 3.0 s (the camera is no longer where it was "
+        "calibrated); landed on what the vehicle measures itself",
+    ),
+    "navdata": (
+        "[[vehicle.navdata.silences]]\nbegin_s = 6.0\nseconds = 600.0\n",
+        "the vehicle has reported nothing for 3.0 s; landed",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bumped_camera_or_a_link_that_is_gone_ends_in_a_hover_and_a_landing_that_says_why(
+    fault, flown, tmp_path
+):
+    text, reason = FAULTS[fault]
+    limits = "".join(
+        f"[located.doubt.{name}]\nfly_on_s = 0.15\nslow_s = 0.5\nhover_s = 1.0\nland_s = 3.0\n"
+        for name in ("unseen", "silent")
+    )
+    slowly = MISSION.replace("cruise = 0.4", "cruise = 0.1").replace("navdata = {}\n", "")
+    slowly = slowly.replace("[limits]", "[vehicle.navdata]\nloss = 0.03\n[limits]", 1)
+    mission = parse_mission(slowly + limits + text, "short.toml")
+    site = flown.recording.parent / "site"
+    mission = mission.model_copy(update={"ceiling": mission.ceiling.model_copy(update={"site": site})})
+    fault_flight = fly_mission(mission, 3, tmp_path, None, False)
+    assert (fault_flight.summary["outcome"], fault_flight.summary["reason"]) == ("lost", reason)
+    ticks = [t for t in read_recording(fault_flight.recording).ticks if t.decision is not None]
+    doubts = [t.decision.whereabouts.doubt for t in ticks if t.stamp > 6.0 and t.decision.whereabouts]
+    assert list(dict.fromkeys(doubts))[-3:] == [Doubt.SLOW, Doubt.HOVER, Doubt.LAND]
+    truth = [t.truth.pose.position for t in ticks]
+    gone = np.linalg.norm(truth[-1] - next(p for t, p in zip(ticks, truth, strict=True) if t.stamp > 6.0))
+    assert gone < 0.35  # it flies on for a second, and drifts while it hovers
 
 
 def test_it_takes_off_finds_itself_flies_the_path_and_lands(flown):

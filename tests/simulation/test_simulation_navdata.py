@@ -54,6 +54,17 @@ def test_a_lossy_link_delivers_fewer_reports():
     assert len(received(NavdataSpec(loss=0.3, **steady))) == pytest.approx(0.7 * all_of_them, rel=0.06)
 
 
+def test_what_is_measured_while_the_link_is_gone_never_arrives_and_the_rest_is_the_same():
+    gone = ({"begin_s": 10.0, "seconds": 5.0}, {"begin_s": 30.0, "seconds": 0.5})
+    whole = received(NavdataSpec())
+    left = received(NavdataSpec(silences=gone))
+    stamps = np.array([report.stamp for _, report in left])
+    assert not ((stamps >= 10.0) & (stamps < 15.0)).any()
+    assert not ((stamps >= 30.0) & (stamps < 30.5)).any()
+    outside = [(a, r.stamp) for a, r in whole if not 10.0 <= r.stamp < 15.0 and not 30.0 <= r.stamp < 30.5]
+    assert {(a, r.stamp) for a, r in left} >= set(outside)
+
+
 def test_losses_do_not_change_the_times_of_measurement():
     steady = {"soonest": 0.05, "latest": 0.05}
     whole = {report.stamp for _, report in received(NavdataSpec(loss=0.0, **steady))}

@@ -29,6 +29,7 @@ _LAP = 18.0  # [s]
 _AXES = (0.5, 0.8, 0.12)  # [m], half axes of the ellipse and half of the height that it moves through
 _HEIGHT = 1.2  # [m]
 _CHASE = np.array([0.8, 0.8, 0.8, 1.2])  # [1/s], of what it is behind
+_LOSS = 0.03  # share of the reports that may be lost
 _VALID = 0.25  # [s], of a command
 
 
@@ -46,8 +47,10 @@ def teach_sensors(vehicle: VehicleSpec, seed: int) -> Sensors:
     """
     if vehicle.navdata is None:
         return Sensors()
-    # Late commands say nothing of the reports, and with both delays the hand could not hold the vehicle.
-    calm = vehicle.model_copy(update={"pushes": (), "gusts": 0.0, "command_latency": 0.0})
+    # Late commands and a bad link say nothing of the sensors; with both delays the hand could not hold the
+    # vehicle, and of few reports nothing could be learnt in a flight of a minute.
+    link = vehicle.navdata.model_copy(update={"loss": min(vehicle.navdata.loss, _LOSS), "silences": ()})
+    calm = vehicle.model_copy(update={"pushes": (), "gusts": 0.0, "command_latency": 0.0, "navdata": link})
     return _calibrated(calm.model_dump_json(), seed)
 
 

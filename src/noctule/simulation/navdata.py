@@ -30,6 +30,13 @@ _REFERENCE, _REPORTED = np.radians(np.array(TABLE_3)).T
 _ERROR = _REPORTED - _REFERENCE
 
 
+class SilenceSpec(Settings):
+    """The link is gone for a while; what is measured then never arrives."""
+
+    begin_s: float = Field(ge=0.0, le=36000.0, description="from, on the flight's clock [s]")
+    seconds: float = Field(gt=0.0, le=36000.0, description="for how long [s]")
+
+
 class NavdataSpec(Settings):
     """The link and the errors of a vehicle's reports; the defaults are those of the paper's vehicle."""
 
@@ -46,12 +53,17 @@ class NavdataSpec(Settings):
     heading_error: float = Field(1.0, ge=0.0, le=3.0, description="times the bias of Table 3")
     heading_noise: float = Field(math.radians(2.0), ge=0.0, le=1.0, description="sd of each report [rad]")
     heading_drift: float = Field(0.0005, ge=0.0, le=0.1, description="sd of the flight's drift [rad/s]")
+    silences: tuple[SilenceSpec, ...] = Field((), max_length=100, description="in which nothing arrives")
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
         if self.slowest > self.fastest or self.soonest > self.latest:
             raise ValueError("slowest is above fastest, or soonest above latest; give the smaller one first")
         return self
+
+    def silent(self, stamp: float) -> bool:
+        """Return whether the link is gone at `stamp` [s]."""
+        return any(gap.begin_s <= stamp < gap.begin_s + gap.seconds for gap in self.silences)
 
 
 def table_3_error(yaw: float) -> float:
@@ -110,8 +122,8 @@ class Navdata:
         now = step / self._steps_per_second
         if now >= self._due:
             fate, late = self._link.random(2).tolist()
-            if fate >= self._spec.loss:
-                arrival = now + self._spec.soonest + (self._spec.latest - self._spec.soonest) * late
+            arrival = now + self._spec.soonest + (self._spec.latest - self._spec.soonest) * late
+            if fate >= self._spec.loss and not self._spec.silent(now):
                 heapq.heappush(self._on_the_way, (arrival, self._count, self.measured(true())))
             self._count += 1
             self._due = self._next(self._due)

@@ -35,7 +35,7 @@ class DepthShutter:
         self._motions = motions
         self._seed = int(seed.generate_state(1)[0])
         self._exposures: Exposures[Pose] = Exposures(spec.rate_hz, spec.latency_s)
-        self._stage: DepthStage | None = None
+        self._stages: dict[bool, DepthStage] = {}  # by whether the camera was bumped
         self._drawn: tuple[int, DepthFrame] | None = None
 
     def step(self) -> None:
@@ -53,16 +53,23 @@ class DepthShutter:
         assert self._exposures.newest is not None
         number, step, pose = self._exposures.newest
         if self._drawn is None or self._drawn[0] != number:
-            if self._stage is None:
-                self._stage = DepthStage(self._spec, self._seed, self._room)
             stamp = step / STEPS_PER_SECOND
-            things = things_at(self._motions, stamp)
-            frame = self._stage.frame(stamp, pose, things, self._spec.colour)
+            frame = self._stage_at(stamp).frame(
+                stamp, pose, things_at(self._motions, stamp), self._spec.colour
+            )
             for pixels in (frame.depth, frame.colour):
                 if pixels is not None:
                     pixels.setflags(write=False)
             self._drawn = (number, frame)
         return self._drawn[1]
+
+    def _stage_at(self, stamp: float) -> DepthStage:
+        """Return the stage as the camera hangs at `stamp` [s]."""
+        spec = self._spec.at(stamp)
+        bumped = spec is not self._spec
+        if bumped not in self._stages:
+            self._stages[bumped] = DepthStage(spec, self._seed, self._room)
+        return self._stages[bumped]
 
 
 class SimulatedDepthCamera(Stream[DepthFrame]):

@@ -29,6 +29,9 @@ _X, _Y, _Z = (float(v) for v in CEILING_CAMERA.t_world_camera)
 _YAW, _PITCH, _ROLL = _mounting(CEILING_CAMERA.R_world_camera)
 
 
+_MOVES = ("yaw_deg", "pitch_deg", "roll_deg", "x_m", "y_m", "z_m")
+
+
 class DepthSensorSpec(Settings):
     """The errors of a structured-light depth camera (Xtion, first Kinect).
 
@@ -48,6 +51,18 @@ class DepthSensorSpec(Settings):
     least_echo: float = Field(
         0.008, ge=0.0, le=1.0, description="reflectance x cosine / (depth [m])^2 at which half is lost"
     )
+
+
+class BumpSpec(Settings):
+    """Somebody bumps the camera, which hangs another way from then on; nobody calibrates it again."""
+
+    time_s: float = Field(ge=0.0, le=36000.0, description="when, on the flight's clock [s]")
+    yaw_deg: float = Field(0.0, ge=-90.0, le=90.0, description="by which it is turned [deg]")
+    pitch_deg: float = Field(0.0, ge=-90.0, le=90.0, description="by which it is tilted [deg]")
+    roll_deg: float = Field(0.0, ge=-90.0, le=90.0, description="by which it is tilted [deg]")
+    x_m: float = Field(0.0, ge=-5.0, le=5.0, description="by which it is moved, world [m]")
+    y_m: float = Field(0.0, ge=-5.0, le=5.0, description="by which it is moved, world [m]")
+    z_m: float = Field(0.0, ge=-5.0, le=5.0, description="by which it is moved, world [m]")
 
 
 class CeilingSpec(Settings):
@@ -77,6 +92,7 @@ class CeilingSpec(Settings):
     hull: bool = Field(False, description="the vehicle wears its indoor hull")
     colour: bool = Field(False, description="frames carry a colour picture")
     markers: bool = Field(False, description="a red marker in front and a blue one behind, on its top")
+    bump: BumpSpec | None = Field(None, description="it is moved in the flight")
 
     @property
     def camera(self) -> FixedCamera:
@@ -85,3 +101,11 @@ class CeilingSpec(Settings):
         yaw, pitch, roll = (math.radians(a) for a in (self.yaw_deg, self.pitch_deg, self.roll_deg))
         R_world_camera = rot_z(yaw) @ rot_y(pitch) @ rot_x(roll) @ R_LEVEL_CAMERA
         return FixedCamera(pinhole, R_world_camera, np.array([self.x_m, self.y_m, self.z_m]))
+
+    def at(self, stamp: float) -> CeilingSpec:
+        """Return how it hangs at `stamp` [s, the flight's clock]; `camera` is how it was calibrated."""
+        bump = self.bump
+        if bump is None or stamp < bump.time_s:
+            return self
+        moved = {name: getattr(self, name) + getattr(bump, name) for name in _MOVES}
+        return self.model_copy(update=moved)
