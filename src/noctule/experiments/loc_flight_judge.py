@@ -12,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.control.paths import SpacePath, nearest_anywhere
+from noctule.flight.located_summary import PUSHED, SETTLING, UNSEEN
 from noctule.geometry import Array
 from noctule.messages import Doubt
 
 Mask = NDArray[np.bool_]
 
-PUSHED = 3.0  # [s] after a push that belong to the recovery and to nothing else
-SETTLING = 4.0  # [s] of a stop that are not hovering yet
 BACK = 0.08  # [m], as near to the path or the held point as a vehicle that has recovered is
-UNSEEN = 0.25  # [s] without a measurement of the camera, after which the vehicle counts as lost
 SLIPPED = (0.5 * np.pi, 0.1)  # [rad], [s]: a heading off by more for longer is the other half turn
 DOUBTS = tuple(Doubt)
 SURE, FLY_ON, LAND = (DOUBTS.index(doubt) for doubt in (Doubt.SURE, Doubt.FLY_ON, Doubt.LAND))

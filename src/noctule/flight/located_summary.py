@@ -22,9 +22,9 @@ FIGURES = (
     "position_rms_m", "position_p95_m", "yaw_mean_deg", "yaw_sd_deg", "lost_s",
 )  # fmt: skip
 _ON_PATH = ("follow", "stop")  # phases of the follower
-_SETTLING = 4.0  # [s] of a stop
-_PUSHED = 3.0  # [s] after a push that are a recovery and nothing else
-_UNSEEN = 0.25  # [s] without a measurement of the camera, after which the vehicle counts as lost
+SETTLING = 4.0  # [s] of a stop that are not hovering yet
+PUSHED = 3.0  # [s] after a push that belong to the recovery and to nothing else
+UNSEEN = 0.25  # [s] without a measurement of the camera, after which the vehicle counts as lost
 _SURE = (Doubt.SURE, Doubt.FLY_ON)
 _NOT_FLOWN = (Doubt.HOVER, Doubt.LAND)
 
@@ -81,14 +81,14 @@ def final_goal(samples: Samples) -> Pose | None:
 def _settled(times: Array, stopped: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which ticks (n,) belong to a stop but to its first 4 s."""
     moved = np.maximum.accumulate(np.where(stopped, times[0], times))  # when it last did
-    return np.asarray(stopped & (times - moved > _SETTLING))
+    return np.asarray(stopped & (times - moved > SETTLING))
 
 
 def _pushed(times: Array, pushes: Sequence[float]) -> NDArray[np.bool_]:
     """Return which ticks (n,) lie within 3 s after the beginning of a push."""
     after = np.zeros(times.shape, dtype=bool)
     for push in pushes:
-        after |= (times >= push) & (times < push + _PUSHED)
+        after |= (times >= push) & (times < push + PUSHED)
     return after
 
 
@@ -100,7 +100,7 @@ def _lost(samples: Samples) -> float:
         if known is not None and known.measured is not None:
             seen = stamp
         begun = np.isfinite(seen)
-        doubtful = known is None or known.doubt not in _SURE or stamp - seen > _UNSEEN
+        doubtful = known is None or known.doubt not in _SURE or stamp - seen > UNSEEN
         if begun and before is not None and doubtful:
             total += stamp - before
         before = stamp

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.control.paths import SpacePath, nearest_anywhere
+from noctule.flight.located_summary import PUSHED, SETTLING
 from noctule.geometry import Array
 from noctule.messages import Doubt
 from noctule.pilots.following import FollowPhase
@@ -15,8 +16,6 @@ from noctule.pilots.following import FollowPhase
 Spans = list[tuple[float, float]]
 """From, to [s]."""
 
-PUSHED = 3.0  # [s] after a push that belong to the recovery and to nothing else
-SETTLING = 4.0  # [s] of a stop that are not hovering yet
 _ON_PATH = (FollowPhase.FOLLOW, FollowPhase.STOP)
 _NOT_FLOWN = (Doubt.HOVER, Doubt.LAND)
 
