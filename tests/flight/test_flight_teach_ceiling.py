@@ -7,7 +7,7 @@ import pytest
 
 import noctule.flight.teach_ceiling as teaching
 from noctule.flight.teach_ceiling import teach_ceiling
-from noctule.localization.calibration.offset import Standing, measure_offset
+from noctule.localization.calibration.offset import Standing, TooFewMeasurementsError, measure_offset
 from noctule.localization.placing import slanted
 from noctule.simulation.ceiling import CeilingSpec, lab_room
 from noctule.simulation.ceiling.flights import sees_whole
@@ -15,9 +15,11 @@ from noctule.simulation.ceiling.flights import sees_whole
 
 def test_the_drone_stands_where_the_camera_sees_it_wherever_the_camera_hangs():
     usual, moved = CeilingSpec(), CeilingSpec(x_m=3.0, y_m=2.0, z_m=2.8)
-    assert [place.tolist() for place in teaching._stools(0, usual)] == [list(s) for s in teaching._STOOLS]
+    places = [place.tolist() for place in teaching._stools(0, usual)]
+    assert places[: len(teaching._STOOLS)] == [list(stool) for stool in teaching._STOOLS]
+    assert all(sees_whole(usual.camera, np.array(place)) for place in places)
     elsewhere = teaching._stools(0, moved)
-    assert len(elsewhere) == len(teaching._STOOLS)
+    assert len(elsewhere) == len(places) > len(teaching._STOOLS)
     assert all(sees_whole(moved.camera, place) for place in elsewhere)
     assert not all(sees_whole(moved.camera, np.array(place)) for place in teaching._STOOLS)
 
@@ -30,6 +32,21 @@ def test_the_stools_tell_what_slanting_rays_are_off_by():
         for place in teaching._stools(0, spec)
     ]
     assert measure_offset(standings, eye).slant == pytest.approx(slant, abs=2e-4)
+
+
+def standing(place, count=60, seed=0):
+    noise = np.random.default_rng(seed).normal(0.0, 0.002, (count, 3))
+    return Standing(np.array(place), np.array(place) + [0.0, 0.0, 0.01] + noise)
+
+
+def test_a_stool_on_which_the_drone_is_seen_badly_has_no_say():
+    eye = CeilingSpec().camera.t_world_camera
+    well = [standing(place, seed=k) for k, place in enumerate(teaching._STOOLS[:3])]
+    badly = [standing(teaching._STOOLS[3], count=24), standing(teaching._STOOLS[4], count=0)]
+    found = teaching._offset([badly[0], *well, badly[1]], eye)
+    assert (found.places, found.bias) == (3, pytest.approx(measure_offset(well, eye).bias))
+    with pytest.raises(TooFewMeasurementsError, match="place 3: the drone was measured 24 times"):
+        teaching._offset([*well[:2], badly[0]], eye)
 
 
 def test_a_site_is_kept_for_its_camera_room_and_seed_and_only_so_many(monkeypatch):

@@ -13,7 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from noctule.geometry import Array, Pose, wrap_angle
-from noctule.localization.calibration.offset import Standing, measure_offset
+from noctule.localization.calibration.offset import (
+    MovedDroneError,
+    Offset,
+    ScatterError,
+    Standing,
+    TooFewMeasurementsError,
+    check_measured,
+    measure_offset,
+)
 from noctule.localization.detection.samples import FlightSamples
 from noctule.localization.learning.detectors import fit_detectors
 from noctule.localization.learning.template import learn_template
@@ -34,6 +42,8 @@ _STOOLS = ((0.1, -0.7, 0.7), (-0.4, 0.0, 0.7), (0.6, 0.5, 0.9), (-0.3, 1.0, 0.7)
 _STOOL_FRAMES = 15  # of each quarter
 _QUARTERS = 4
 _BETWEEN = 1.0  # [s], so that no two frames of a seed share a stamp: the stamp draws the sensor's errors
+_SPARE_STOOLS = 5  # tried where the drone is seen badly on others
+_FEWEST_STOOLS = 3  # with two, one that was seen badly would be taken for slant
 _STEPS = 3 + len(_STOOLS)
 
 _KEPT = 4  # sites
@@ -75,9 +85,12 @@ def teach_stage(stage: DepthStage, seed: int, show: Progress = _silent) -> Lesso
     learned = learn_template(frames, background, camera, start_yaw=flight[0][1].yaw)
     site = Site(SiteCamera(camera), background, detectors, learned.template)
     begin += _FLIGHT_SECONDS + _BETWEEN
-    standing = []
-    for number, true in enumerate(_stools(seed, spec)):
-        show((3.0 + number) / _STEPS, "the drone on stools, for the offset")
+    standing: list[Standing] = []
+    for true in _stools(seed, spec):
+        if sum(map(_seen_well, standing)) == len(_STOOLS):
+            break
+        done = min(3 + len(standing), _STEPS - 1) / _STEPS
+        show(done, "the drone on stools, for the offset")
         found: list[PoseMeasurement | None] = []
         for quarter in range(_QUARTERS):
             locator, pose = locator_of(site), Pose(true, wrap_angle(0.5 * math.pi * quarter))
@@ -86,7 +99,7 @@ def teach_stage(stage: DepthStage, seed: int, show: Progress = _silent) -> Lesso
             ]
             begin += _STOOL_FRAMES / RATE + _BETWEEN
         standing.append(Standing(true, np.array([m.position for m in found if m is not None])))
-    offset = measure_offset(standing, camera.t_world_camera)
+    offset = _offset(standing, camera.t_world_camera)
     site = replace(
         site,
         camera=replace(site.camera, offset=offset.bias),
@@ -96,12 +109,30 @@ def teach_stage(stage: DepthStage, seed: int, show: Progress = _silent) -> Lesso
     return Lessons(site, tuple(frames), tuple(learned.poses), samples, begin)
 
 
+def _seen_well(standing: Standing) -> bool:
+    try:
+        check_measured(standing.measured, "offset")
+    except (TooFewMeasurementsError, MovedDroneError, ScatterError):
+        return False
+    return True
+
+
+def _offset(standing: Sequence[Standing], eye: Array) -> Offset:
+    """Return the offset of the places where the drone was seen well; raises as `measure_offset` does."""
+    well = [one for one in standing if _seen_well(one)]
+    return measure_offset(well if len(well) >= _FEWEST_STOOLS else standing, eye)
+
+
 def _stools(seed: int, spec: CeilingSpec) -> Sequence[Array]:
-    """Return places (3,) [m] that the camera sees: those below its usual place, or some of what it sees."""
+    """Return places (3,) [m] that the camera sees: those below its usual place, or some of what it sees.
+
+    After them come spare ones.
+    """
     places = [np.array(place) for place in _STOOLS]
+    spread = [pose.position for pose in spread_poses(seed, len(_STOOLS) + _SPARE_STOOLS, spec)]
     if all(sees_whole(spec.camera, place) for place in places):
-        return places
-    return [pose.position for pose in spread_poses(seed, len(_STOOLS), spec)]
+        return places + spread[:_SPARE_STOOLS]
+    return spread
 
 
 def teach_ceiling(spec: CeilingSpec, room: RoomSpec, seed: int, show: Progress = _silent) -> Site:

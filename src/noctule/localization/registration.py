@@ -128,11 +128,23 @@ def _completed(
         placing.covariance(information, fit.cells, view.pose.yaw + float(at[2])),
         fit.score,
         fit.score / fit.nominal if fit.nominal > 0.0 else 0.0,
-        min(fit.seen / matcher.seen, 1.0),
+        min(fit.seen / (matcher.seen * _reached(scene.camera, view)), 1.0),
         fit.outline,
         fit.relief,
         matcher.against_half_turn(scene.depth, scene.nearest, scene.camera, pose) if weighed else None,
     )
+
+
+def _reached(camera: FixedCamera, view: Evidence) -> float:
+    """Return the share of a level plane's cells that readings can fall into, up to 1.
+
+    Where pixels are farther apart than cells, a cell without a reading is not a cell that is hidden.
+    """
+    k = camera.intrinsics
+    if view.distance <= 0.0:
+        return 1.0
+    a_cell = view.grid.cell / view.distance
+    return min(k.fx * a_cell, 1.0) * min(k.fy * a_cell, 1.0)
 
 
 def _moved(seen: Evidence, at: Array, surface: Array) -> Pose:

@@ -98,7 +98,7 @@ def measure_offset(standings: Sequence[Standing], eye: Array | None = None, slan
         raise TooFewMeasurementsError("offset: no place is given, expected a drone standing at one or more")
     for number, standing in enumerate(standings, start=1):
         named = f" ({standing.name})" if standing.name else ""
-        _check(standing.measured, f"offset: place {number}{named}")
+        check_measured(standing.measured, f"offset: place {number}{named}")
     offsets = np.array([standing.measured.mean(axis=0) - standing.true for standing in standings])
     scatter = np.sqrt(np.mean([standing.measured.var(axis=0, ddof=1) for standing in standings], axis=0))
     found = None
@@ -173,7 +173,11 @@ def _slant(offsets: Array, seen: Array) -> float | None:
     return float(np.nansum(drawn * found)) / spread if spread >= LEAST_SPREAD**2 else None
 
 
-def _check(measured: Array, name: str) -> None:
+def check_measured(measured: Array, name: str) -> None:
+    """Raise unless the measurements (n, 3) [m] at a place, of this name for messages, can be averaged.
+
+    Raises TooFewMeasurementsError, MovedDroneError, ScatterError.
+    """
     if len(measured) < FEWEST:
         raise TooFewMeasurementsError(
             f"{name}: the drone was measured {len(measured)} times, expected {FEWEST} or more; let it stand "
