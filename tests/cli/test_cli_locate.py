@@ -17,6 +17,7 @@ from noctule.cli.locating import Status, Tally, status_line
 from noctule.flight.depth_recording import read_depth_recording
 from noctule.flight.depth_scene import STAND
 from noctule.geometry import Pose
+from noctule.localization.calibration.lens import Lens
 from noctule.localization.detector_file import save_detectors
 from noctule.localization.locator import Located, LocatorDiagnostics, LocatorState
 from noctule.localization.site import (
@@ -66,9 +67,11 @@ def pretended(noctule, monkeypatch):
     class Scripted:
         def __init__(self, camera, background, template, detector=None, settings=None, offset=None) -> None:
             self.detector, self.offset, self.script = detector, offset, list(SCRIPT)
+            self.seen = []
             made.append(self)
 
         def step(self, frame):
+            self.seen.append(frame.depth)
             return self.script.pop(0)
 
     monkeypatch.setattr("noctule.localization.site.Locator", Scripted)
@@ -145,6 +148,18 @@ def test_what_was_recorded_with_its_frames_can_be_located_again(pretended):
     pretended("locate", "--folder", "f", "--site", "s", "--out", "o", "--frames")
     said = pretended("locate", "--recording", "o/located.mcap", "--site", "s", "--out", "p", "--json")
     assert said.last_json["frames"] == 5
+
+
+def test_frames_are_recorded_as_they_came_so_that_a_lens_is_taken_out_once(pretended, monkeypatch):
+    known = load_camera(Path("s"))
+    save_camera(Path("s"), SiteCamera(known.camera, Lens(-0.3, 0.1)))
+    pretended("locate", "--folder", "f", "--site", "s", "--out", "o", "--frames")
+    recorded = list(read_depth_recording(Path("o/located.mcap")).frames())
+    assert all(np.array_equal(frame.depth, depth([], 50 + k)) for k, frame in enumerate(recorded))
+    seen = [made.seen for made in pretended.made]
+    pretended("locate", "--recording", "o/located.mcap", "--site", "s", "--out", "p")
+    assert not np.array_equal(seen[0][0], recorded[0].depth)
+    assert all(np.array_equal(*pair) for pair in zip(seen[0], pretended.made[-1].seen, strict=True))
 
 
 def test_depth_frames_are_not_recorded_unless_asked_for(pretended):

@@ -33,7 +33,7 @@ from noctule.localization.site import (
     save_template,
     straightened,
 )
-from noctule.localization.site_files import SiteCameraError, SiteFileError, SiteFormatError, write_whole
+from noctule.localization.site_files import SiteCameraError, SiteFileError, SiteFormatError, save_arrays, write_whole
 from noctule.localization.template import Template
 from noctule.messages import DepthFrame
 from noctule.vision.depth.background import Background
@@ -230,12 +230,17 @@ def test_arrays_of_objects_are_never_unpickled(tmp_path):
     assert "it is damaged, or not the .npz file that Noctule wrote" in said(load_background, tmp_path, SMALL)
 
 
+NOTHING = "is 0, expected more than that where the room was seen"
 ARRAY_MISTAKES = [
     ({"mean": np.zeros((4, 4), np.float32)}, "mean is 4x4 of float32, expected 16x16 of float32"),
     ({"nearest": np.zeros((16, 16))}, "nearest is 16x16 of float64, expected 16x16 of uint16"),
     ({"mean": np.full((16, 16), np.nan, np.float32)}, "mean holds values that are not finite"),
     ({"frames": np.array([300])}, "frames is 1 of int64, expected one value of int64"),
     ({"count": None}, "count is missing"),
+    ({"count": np.zeros((16, 16), np.int32)}, f"count {NOTHING}"),
+    ({"mean": np.zeros((16, 16), np.float32)}, f"mean {NOTHING}"),
+    ({"deviation": np.zeros((16, 16), np.float32)}, f"deviation {NOTHING}"),
+    ({"nearest": np.zeros((16, 16), np.uint16)}, f"nearest {NOTHING}"),
     ({"format": np.array(7)}, "found format 7, this version reads format 1"),
     ({"format": np.array("x")}, "found no format, this version reads format 1"),
 ]
@@ -257,6 +262,27 @@ def test_a_template_that_is_none_is_one_line(tmp_path):
     assert said(load_template, tmp_path) == (
         f"site file {tmp_path}/template.npz: not a template: grid, probability, variance, height, weight "
         "missing; learn the drone's top view with `noctule calibrate template`"
+    )
+
+
+EMPTY = {
+    "probability": "its probability is not 0 to 1, with more than a half in some cells",
+    "variance": "its variance is negative, or 0 in every cell",
+    "weight": "its weight is negative, or 0 in every cell",
+    "height": "its height is 0 in every cell of the drone",
+}
+
+
+WRONG = [(name, value) for name in EMPTY for value in (0.0, -1.0) if (name, value) != ("height", -1.0)]
+
+
+@pytest.mark.parametrize(("name", "value"), WRONG)
+def test_a_template_that_shows_no_drone_is_one_line(tmp_path, name, value):
+    arrays = template().arrays()
+    save_arrays(tmp_path / "template.npz", {**arrays, name: np.full_like(arrays[name], value)})
+    assert said(load_template, tmp_path) == (
+        f"site file {tmp_path}/template.npz: not a template: {EMPTY[name]}; learn the drone's top view with "
+        "`noctule calibrate template`"
     )
 
 

@@ -36,7 +36,7 @@ def locate_drone(
     options: SourceOptions, site: Path, detector: str, frames: bool, out: Path | None, json: bool
 ) -> int:
     """Locate the drone in every frame, tell and record it; 0 when it was seen at all."""
-    from noctule.localization.site import load_site, locator_of, straightened
+    from noctule.localization.site import load_site, locator_of, straightening
 
     known = load_site(site)
     camera = known.camera.camera
@@ -46,7 +46,7 @@ def locate_drone(
 
     source = depth_source(options, "locate", "path", SECONDS)
     require_same_camera(source, camera)
-    locator = locator_of(known, detector=detector)
+    locator, straight = locator_of(known, detector=detector), straightening(known.camera)
     folder = out_folder(out, "locate")
     tally, status = Tally(source.truth), Status(json)
     with (
@@ -56,12 +56,14 @@ def locate_drone(
     ):
         table = csv.writer(file)
         table.writerow(_COLUMNS)
-        for frame in straightened(source.frames(), known.camera):
+        for taken in source.frames():
+            frame = straight(taken)
             begin = time.perf_counter()
             located = locator.step(frame)
             frame_ms = 1e3 * (time.perf_counter() - begin)
-            if frames and frame.depth.dtype == "uint16" and frame.depth.ndim == 2:
-                recorder.frame(frame)
+            # As it came: whoever locates it again takes the lens out then.
+            if frames and taken.depth.dtype == "uint16" and taken.depth.ndim == 2:
+                recorder.frame(taken)
             ratio = located.diagnostics.ratio
             score = ratio if math.isfinite(ratio) else None
             recorder.located(frame.stamp, located.measurement, located.reason, score, frame_ms)

@@ -10,7 +10,7 @@ camera.toml comes first; the others are learned with that camera, and refused wh
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -137,11 +137,24 @@ def load_background(folder: Path, camera: FixedCamera) -> Background:
     mean, deviation = (
         take(arrays, name, np.float32, shape, path, _LEARN_ROOM) for name in ("mean", "deviation")
     )
+    count = take(arrays, "count", np.int32, shape, path, _LEARN_ROOM)
+    nearest = take(arrays, "nearest", np.uint16, shape, path, _LEARN_ROOM)
+    for name, missing in {
+        "count": not (count > 0).any(),
+        "mean": (mean[count > 0] <= 0.0).any(),
+        "deviation": (deviation[count > 0] <= 0.0).any(),
+        "nearest": not nearest.any(),
+    }.items():
+        if missing:
+            raise SiteFileError(
+                f"site file {path}: {name} is 0, expected more than that where the room was seen; "
+                f"{_LEARN_ROOM}"
+            )
     return Background(
         mean,
         deviation,
-        take(arrays, "count", np.int32, shape, path, _LEARN_ROOM),
-        take(arrays, "nearest", np.uint16, shape, path, _LEARN_ROOM),
+        count,
+        nearest,
         int(take(arrays, "frames", np.int64, (), path, _LEARN_ROOM)),
         float(take(arrays, "deviations", np.float64, (), path, _LEARN_ROOM)),
     )
@@ -194,16 +207,23 @@ def save_site(folder: Path, site: Site) -> None:
 
 
 def straightened(frames: Iterable[DepthFrame], camera: SiteCamera) -> Iterator[DepthFrame]:
-    """Yield the frames without the lens' distortion.
+    """Yield the frames without the lens' distortion, as `straightening` says."""
+    return map(straightening(camera), frames)
+
+
+def straightening(camera: SiteCamera) -> Callable[[DepthFrame], DepthFrame]:
+    """Return what takes the lens' distortion out of a frame of this camera.
 
     A frame that is no depth image of this camera is left as it is, for `health` to name.
     """
     if not camera.lens.coefficients.any():
-        yield from frames
-        return
+        return lambda frame: frame
     intrinsics = camera.camera.intrinsics
     shape = (intrinsics.height, intrinsics.width)
     straight = straightener(intrinsics, camera.lens)
-    for frame in frames:
+
+    def straighten(frame: DepthFrame) -> DepthFrame:
         sound = frame.depth.dtype == np.uint16 and frame.depth.shape == shape
-        yield straight.frame(frame) if sound else frame
+        return straight.frame(frame) if sound else frame
+
+    return straighten

@@ -145,6 +145,9 @@ class Template:
         if not square or not finite or grid.shape != (2,) or frames.size != 1 or grid[0] <= 0.0:
             raise TemplateError("not a template: its maps are not finite squares of one size; learn it again")
         probability, variance, height, weight = maps
+        empty = _empty(probability, variance, height, weight)
+        if empty:
+            raise TemplateError(f"not a template: {empty}; learn it again")
         size = Grid(float(grid[0]), shape[0], float(grid[1]))
         template = _complete(size, int(frames.item()), probability, variance, height, weight)
         slant = np.asarray(arrays.get("slant", np.zeros(1)), dtype=np.float64)
@@ -198,6 +201,19 @@ def build_template(
     best = max(learned, key=lambda template: template.sharpness)
     stops = Stops.of_samples(samples, nearest, camera, best.grid.cell, best.grid.n)
     return replace(best, stops=stops)
+
+
+def _empty(probability: Array, variance: Array, height: Array, weight: Array) -> str:
+    """Return what keeps maps (n, n) from showing a drone, "" when they do."""
+    if (probability < 0.0).any() or (probability > 1.0).any() or not (probability > 0.5).any():
+        return "its probability is not 0 to 1, with more than a half in some cells"
+    if (variance < 0.0).any() or not variance.any():
+        return "its variance is negative, or 0 in every cell"
+    if (weight < 0.0).any() or not weight.any():
+        return "its weight is negative, or 0 in every cell"
+    if not ((height != 0.0) & (probability > 0.0)).any():
+        return "its height is 0 in every cell of the drone"
+    return ""
 
 
 def _stops(grid: Grid, arrays: Mapping[str, Array]) -> Stops:
