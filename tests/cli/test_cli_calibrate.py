@@ -141,7 +141,8 @@ def test_a_few_bad_frames_are_left_out_and_many_are_refused_by_name(noctule):
     assert (said.code, said.err) == (
         2,
         "noctule: folder metres: 20 of 20 frames cannot be used: wrong unit: the usual depth is 3, expected "
-        "500 to 12000 [mm]; these look like metres or centimetres, have the camera send millimetres\n",
+        "about 3000 as far as the floor is [mm]; these look like metres, have the camera send millimetres, or "
+        "give the --scale of the folder's images\n",
     )
 
 
@@ -149,8 +150,13 @@ def test_counts_of_another_scale_are_learned_with_the_scale(noctule):
     leave_site(Path("s"))
     leave(Path("tum"), [5 * depth([], k) for k in range(20)])
     said = noctule("calibrate", "background", "--folder", "tum", "--out", "s")
-    assert "these look like tenths or fifths of a millimetre" in said.err
+    assert "these look like fifths of a millimetre" in said.err
     assert noctule("calibrate", "background", "--folder", "tum", "--scale", "5000", "--out", "s").code == 0
+    # Of these noise alone is left, which looks like something that moves.
+    leave(Path("mm"), [depth([], k) for k in range(20)])
+    said = noctule("calibrate", "background", "--folder", "mm", "--scale", "5000", "--out", "s")
+    assert "wrong unit: the usual depth is 600, expected about 3000" in said.err
+    assert "--scale" in said.err
 
 
 def test_a_recording_of_another_camera_is_refused(noctule):

@@ -200,6 +200,25 @@ def test_a_floor_without_a_board_is_named(calibrate):
     assert said.code == 2
 
 
+UNUSABLE = {
+    "half": (np.s_[::2, ::2], 1, "wrong resolution: found 320x240 px, expected 640x480 px; "),
+    "metres": (np.s_[:], 1000, "wrong unit: the usual depth is 3, expected 500 to 12000 [mm]; "),
+    "zero": (np.s_[:], 60000, "all zero: no pixel has a depth; "),
+}
+
+
+@pytest.mark.parametrize("kind", UNUSABLE)
+def test_a_depth_image_that_cannot_be_used_is_not_left_out_in_silence(calibrate, kind):
+    calibrate("pictures", *BOARD_OPTIONS, "--out", "site")
+    pixels, divisor, reason = UNUSABLE[kind]
+    floor = cv2.imread("floor-depth.png", cv2.IMREAD_UNCHANGED)[pixels] // divisor
+    cv2.imwrite("depth.png", floor)
+    said = calibrate(*BOARD_OPTIONS, "--extrinsics", "floor.png", "--depth", "depth.png", "--out", "site")
+    assert said.err.startswith(f"noctule: depth image depth.png: {reason}")
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    assert not Path("site/camera.toml").exists()
+
+
 def test_pictures_of_two_cameras_are_refused(calibrate):
     small = cv2.resize(cv2.imread("pictures/00.png"), None, fx=1.5, fy=1.5)
     cv2.imwrite("large.png", small)

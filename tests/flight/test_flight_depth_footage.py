@@ -137,6 +137,15 @@ def test_a_listing_that_is_no_text_is_one_line(tmp_path):
     assert message(tmp_path) == f"listing {tmp_path}/depth.txt: it cannot be read; expected UTF-8 text"
 
 
+def test_a_picture_that_was_cut_off_is_one_line_and_nothing_more(tmp_path, capfd):
+    leave(tmp_path, ["1.0.png"])
+    file = tmp_path / "depth" / "1.0.png"
+    cv2.imwrite(str(file), np.random.default_rng(0).integers(0, 4000, (40, 40), dtype=np.uint16))
+    file.write_bytes(file.read_bytes()[:1500])
+    assert message(tmp_path) == f"picture {file}: it cannot be decoded; restore it, or remove it"
+    assert capfd.readouterr().err == ""
+
+
 def test_a_picture_that_cannot_be_decoded_is_one_line_when_its_turn_comes(tmp_path):
     leave(tmp_path, ["1.0.png", "2.0.png"])
     (tmp_path / "depth" / "2.0.png").write_bytes(b"")

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from localization_boards import BOARD, CAMERA, CAREFUL, held, photograph
 
+from noctule.camera import PinholeCamera
 from noctule.localization.calibration.board import (
     Board,
     BoardError,
@@ -233,7 +234,33 @@ def test_what_is_no_picture_is_named(tmp_path):
         "picture of 8 bits"
     )
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((20, 30), 100, dtype=np.uint8))
-    assert said(read_depth, tmp_path / "grey.png") == (
-        "depth image here/grey.png: it is no image of one channel of 16 bits; expected a PNG of millimetres"
+    small = PinholeCamera.centred(30, 20, 20.0)
+    assert said(lambda file: read_depth(file, small), tmp_path / "grey.png") == (
+        "depth image here/grey.png: a pixel has 1 x 8 bits, expected one channel of 16 bits; save the depth "
+        "itself, in millimetres, not a picture of it"
     )
-    np.testing.assert_array_equal(read_depth(tmp_path / "depth.png"), 3000)
+    np.testing.assert_array_equal(read_depth(tmp_path / "depth.png", small), 3000)
+
+
+@pytest.mark.parametrize(
+    ("depth", "reason"),
+    [
+        (np.full((10, 15), 3000), "wrong resolution: found 15x10 px, expected 30x20 px; "),
+        (np.full((20, 30), 3), "wrong unit: the usual depth is 3, expected 500 to 12000 [mm]; "),
+        (np.zeros((20, 30)), "all zero: no pixel has a depth; "),
+    ],
+)
+def test_a_depth_image_that_cannot_be_used_is_named(tmp_path, depth, reason):
+    cv2.imwrite(str(tmp_path / "a.png"), depth.astype(np.uint16))
+    with pytest.raises(PictureFileError) as told:
+        read_depth(tmp_path / "a.png", PinholeCamera.centred(30, 20, 20.0))
+    assert str(told.value).startswith(f"depth image {tmp_path}/a.png: {reason}")
+
+
+def test_a_picture_that_was_cut_off_is_one_line_and_nothing_more(tmp_path, capfd):
+    cv2.imwrite(str(tmp_path / "a.png"), np.random.default_rng(0).integers(0, 255, (40, 40), dtype=np.uint8))
+    whole = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "a.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(PictureFileError, match="this is no picture that can be read"):
+        read_grey(tmp_path / "a.png")
+    assert capfd.readouterr().err == ""

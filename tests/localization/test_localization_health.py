@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from noctule.camera import PinholeCamera
+from noctule.camera import FixedCamera, PinholeCamera
 from noctule.localization.health import (
     Expected,
     FrameHealth,
@@ -69,7 +69,8 @@ def test_another_resolution_is_named_with_both(background):
         "again as it is"
     )
     assert check(floor()[..., None].repeat(3, axis=2), background) == (
-        "wrong resolution: found an array of 3 axes, expected a depth image of two"
+        "wrong resolution: found 320x240 px of 3 channels, expected one channel of 16 bits; give the depth "
+        "itself, in millimetres, not a picture of it"
     )
 
 
@@ -110,6 +111,26 @@ def test_whole_numbers_in_another_unit_are_named_by_it(factor, usual, unit, gues
         f"wrong unit: the usual depth is {usual}, expected 500 to 12000 [mm]; these look like {guess}, have "
         "the camera send millimetres"
     )
+
+
+@pytest.mark.parametrize(
+    ("factor", "usual", "unit"), [*(row[:3] for row in UNITS), (0.2, 600, "millimetres divided by five")]
+)
+def test_before_the_room_is_learned_the_floor_tells_the_unit_and_the_scale(factor, usual, unit):
+    hanging = FixedCamera(CAMERA, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, HEIGHT / 1000.0]))
+    depth = np.full((240, 320), HEIGHT * factor).astype(np.uint16)
+    assert check_frame(DepthFrame(0.0, depth), Expected.over_floor(hanging)) == (
+        f"wrong unit: the usual depth is {usual}, expected about 3000 as far as the floor is [mm]; these look "
+        f"like {unit}, have the camera send millimetres, or give the --scale of the folder's images"
+    )
+
+
+def test_a_camera_that_sees_no_floor_expects_none_and_a_room_of_shelves_is_no_unit():
+    level = FixedCamera(CAMERA, np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), np.array([0.0, 0.0, 1.5]))
+    assert Expected.over_floor(level).usual is None
+    down = FixedCamera(CAMERA, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, HEIGHT / 1000.0]))
+    shelves = np.full((240, 320), 1200, np.uint16)
+    assert check_frame(DepthFrame(0.0, shelves), Expected.over_floor(down)) == ""
 
 
 @given(factor=st.floats(0.25, 3.0))

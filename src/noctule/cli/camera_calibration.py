@@ -213,7 +213,7 @@ def _extrinsics(
     views = [_view(work.board, picture) for picture in asked.extrinsics]
     found = locate_camera(views, places, known.camera, known.lens, known.sd)
     straight = straightener(known.camera, known.lens)
-    depths = [straight.depth(read_depth(file)) for file in asked.depth]
+    depths = [straight.depth(read_depth(file, known.camera)) for file in asked.depth]
     checks = check_depth(found, work.board, depths or [None] * len(views))
     floors = [check.fit for check in checks if check.what == "floor"]
     if floors:

@@ -83,7 +83,7 @@ def open_stream(source: DepthSource, camera: SiteCamera, background: Background 
     own = camera.camera.intrinsics
     if background is not None:
         return Stream(source, camera, Sieve(FrameHealth(own, background).check))
-    expected = Expected.of(own)
+    expected = Expected.over_floor(camera.camera)
     return Stream(source, camera, Sieve(lambda frame: check_frame(frame, expected)))
 
 

@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 
 from noctule.errors import NoctuleError
+from noctule.localization.calibration.pictures import decoded
 from noctule.messages import DepthFrame
 
 RATE = 30.0  # [Hz], of frames that are only numbered
@@ -86,7 +87,7 @@ def _decoded(file: Path, flags: int) -> Any:
         raise DepthFolderError(
             f"picture {file}: cannot be read ({error.strerror}); restore it, or take it out of the listing"
         ) from None
-    picture = cv2.imdecode(data, flags) if data.size else None
+    picture = decoded(data, flags)
     if picture is None:
         raise DepthFolderError(f"picture {file}: it cannot be decoded; restore it, or remove it")
     return picture

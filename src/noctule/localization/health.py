@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from noctule.camera import PinholeCamera
+from noctule.camera import FixedCamera, PinholeCamera
 from noctule.compiled import compiled
 from noctule.errors import NoctuleError
 from noctule.messages import DepthFrame
@@ -22,6 +22,7 @@ MIN_FIT = 0.7  # of the background that can be seen; a camera tilted by one degr
 _STRIDE = 16  # every 16th pixel of every 16th row tells
 _NEAREST, _FARTHEST = 500.0, 12_000.0  # [mm], no room's usual depth lies outside
 _UNITS = {1e-3: "metres", 0.1: "centimetres", 5.0: "fifths of a millimetre", 10.0: "tenths of a millimetre"}
+_SCALED = {**_UNITS, 0.2: "millimetres divided by five"}  # before a room is learned: no view is covered yet
 _NEAR = 1.5  # a usual depth within this factor of the room's in another unit is in that unit
 _LOOK_EVERY = 0.5  # [s], how often the camera is looked after
 
@@ -43,7 +44,8 @@ class Expected:
     width: int  # [px]
     height: int  # [px]
     known: NDArray[np.bool_]  # where the background has readings, every 16th pixel of every 16th row
-    usual: float | None  # [mm], the background's median depth; None without a background
+    usual: float | None  # [mm], the median depth of background or floor; None where neither is known
+    learned: bool = False  # whether that is the background's
 
     @classmethod
     def of(cls, camera: PinholeCamera, background: Background | None = None) -> Expected:
@@ -53,7 +55,19 @@ class Expected:
             return cls(camera.width, camera.height, known, None)
         known = background.count[::_STRIDE, ::_STRIDE] > 0
         usual = float(np.median(background.mean[::_STRIDE, ::_STRIDE][known])) if known.any() else None
-        return cls(camera.width, camera.height, known, usual)
+        return cls(camera.width, camera.height, known, usual, learned=True)
+
+    @classmethod
+    def over_floor(cls, camera: FixedCamera) -> Expected:
+        """Return what to expect of a camera that hangs in a room whose background is not known yet."""
+        k = camera.intrinsics
+        blank = cls.of(k)
+        v, u = np.nonzero(blank.known)
+        rays = np.column_stack([k.normalise(np.column_stack([u, v]) * float(_STRIDE)), np.ones(len(u))])
+        falls = -(rays @ camera.R_world_camera[2])  # [m] for a metre along the axis
+        floor = np.where(falls > 0.0, 1000.0 * camera.t_world_camera[2] / np.maximum(falls, 1e-9), np.inf)
+        usual = float(np.median(floor))
+        return replace(blank, usual=usual if _NEAREST <= usual <= _FARTHEST else None)
 
 
 def check_frame(frame: DepthFrame, expected: Expected) -> str:
@@ -63,7 +77,13 @@ def check_frame(frame: DepthFrame, expected: Expected) -> str:
     """
     depth = frame.depth
     if depth.ndim != 2:
-        return f"wrong resolution: found an array of {depth.ndim} axes, expected a depth image of two"
+        found = f"an array of {depth.ndim} axes"
+        if depth.ndim == 3:
+            found = f"{depth.shape[1]}x{depth.shape[0]} px of {depth.shape[2]} channels"
+        return (
+            f"wrong resolution: found {found}, expected one channel of 16 bits; give the depth itself, in "
+            "millimetres, not a picture of it"
+        )
     height, width = depth.shape
     if (width, height) != (expected.width, expected.height):
         return (
@@ -81,7 +101,7 @@ def check_frame(frame: DepthFrame, expected: Expected) -> str:
             f"too few readings: {100.0 * share:.0f} % of the picture has a depth, expected at least "
             f"{100.0 * MIN_VALID:.0f} %; is the lens free, and no sunlight in the room?"
         )
-    return _other_unit(usual, expected.usual)
+    return _other_unit(usual, expected)
 
 
 @compiled
@@ -112,15 +132,20 @@ def _other_type(depth: NDArray[Any]) -> str:
     return found + "; have the camera send these"
 
 
-def _other_unit(usual: float, room: float | None) -> str:
+def _other_unit(usual: float, expected: Expected) -> str:
+    room = expected.usual
     if room is not None:
-        for per_millimetre, unit in _UNITS.items():
+        where = "in the background" if expected.learned else "far as the floor is"
+        for per_millimetre, unit in (_UNITS if expected.learned else _SCALED).items():
             meant = room * per_millimetre
             if meant / _NEAR - 1.0 < usual < meant * _NEAR + 1.0:
-                return _unit_reason(usual, unit, f"about {room:.0f} as in the background")
-    elif usual < _NEAREST:
+                reason = _unit_reason(usual, unit, f"about {room:.0f} as {where}")
+                return reason if expected.learned else reason + ", or give the --scale of the folder's images"
+        if expected.learned:
+            return ""
+    if usual < _NEAREST:
         return _unit_reason(usual, "metres or centimetres", f"{_NEAREST:.0f} to {_FARTHEST:.0f}")
-    elif usual > _FARTHEST:
+    if usual > _FARTHEST:
         return _unit_reason(usual, "tenths or fifths of a millimetre", f"{_NEAREST:.0f} to {_FARTHEST:.0f}")
     return ""
 

@@ -10,7 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from noctule.camera import PinholeCamera
 from noctule.errors import NoctuleError
+from noctule.localization.health import Expected, check_frame
+from noctule.messages import DepthFrame
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
@@ -56,14 +59,26 @@ def read_grey(file: Path) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(pixels, code), dtype=np.uint8)
 
 
-def read_depth(file: Path) -> NDArray[np.uint16]:
-    """Read a depth image (height, width) [mm], 0 where there is none; raises PictureFileError."""
+def read_depth(file: Path, camera: PinholeCamera) -> NDArray[np.uint16]:
+    """Read a camera's depth image (height, width) [mm], 0 where there is none; raises PictureFileError."""
     pixels = _read(file, "depth image")
     if pixels.dtype != np.uint16 or pixels.ndim != 2:
+        found = f"{1 if pixels.ndim == 2 else pixels.shape[2]} x {8 * pixels.itemsize} bits"
         raise PictureFileError(
-            f"depth image {file}: it is no image of one channel of 16 bits; expected a PNG of millimetres"
+            f"depth image {file}: a pixel has {found}, expected one channel of 16 bits; save the depth "
+            "itself, in millimetres, not a picture of it"
         )
+    reason = check_frame(DepthFrame(0.0, pixels), Expected.of(camera))
+    if reason:
+        raise PictureFileError(f"depth image {file}: {reason}")
     return np.asarray(pixels, dtype=np.uint16)
+
+
+def decoded(data: NDArray[np.uint8], flags: int) -> NDArray[Any] | None:
+    """Return the picture of an encoded file, None when it is none."""
+    # One that was cut off is not tried: the decoder would complain on standard error by itself.
+    cut_off = data[:4].tobytes() == b"\x89PNG" and b"IEND" not in data[-12:].tobytes()
+    return cv2.imdecode(data, flags) if data.size and not cut_off else None
 
 
 def _read(file: Path, what: str) -> NDArray[Any]:
@@ -73,7 +88,7 @@ def _read(file: Path, what: str) -> NDArray[Any]:
         raise PictureFileError(
             f"{what} {file}: cannot be read ({error.strerror}); expected {', '.join(SUFFIXES)}"
         ) from None
-    pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    pixels = decoded(data, cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise PictureFileError(
             f"{what} {file}: this is no picture that can be read; expected {', '.join(SUFFIXES)}"
