@@ -13,12 +13,12 @@ from noctule.camera import CEILING_CAMERA
 from noctule.errors import NoctuleError
 from noctule.geometry import Pose, wrap_angle
 from noctule.localization.learning import template as learning
+from noctule.localization.learning.bootstrap import TemplateFlightError
 from noctule.localization.learning.detectors import fit_detectors
 from noctule.localization.learning.gauge import regauged, symmetry_axes
 from noctule.localization.learning.template import (
     LearnedTemplate,
     TemplateConvergenceError,
-    TemplateFlightError,
     learn_template,
 )
 from noctule.localization.matcher import Matcher
@@ -143,6 +143,14 @@ def test_a_flight_that_hardly_shows_the_drone_is_refused() -> None:
         "template: 40 of 40 frames show the drone whole and its heading, at least 60 are needed; fly longer, "
         "inside the camera's view"
     )
+
+
+@pytest.mark.parametrize("shown", [0, 8])
+def test_too_few_frames_are_named_before_nose_and_tail(shown) -> None:
+    frames = [*flight(True)[0][:shown], *(stage(True)[0].frame(900.0 + k, None) for k in range(3))]
+    with pytest.raises(TemplateFlightError) as caught:
+        learn_template(frames, stage(True)[1], CEILING_CAMERA)
+    assert str(caught.value).startswith(f"template: {shown} of {shown + 3} frames show the drone whole")
 
 
 def test_poses_that_do_not_settle_are_refused(monkeypatch) -> None:

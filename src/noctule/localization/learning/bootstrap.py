@@ -29,6 +29,7 @@ from noctule.messages import DepthFrame
 from noctule.vision.depth.background import Background
 from noctule.vision.depth.blobs import find_blobs
 
+MIN_FRAMES = 60  # that show the drone
 _ENOUGH = 0.6  # share of the frames that must show both markers
 _SURE = 5.0  # times its own error must the evidence for a turn be
 _START = 0.5  # [s] of the flight that the heading at the start is taken from
@@ -38,6 +39,10 @@ _AHEAD = 0.3  # mean cosine between nose and way that tells nose from tail
 _WINDOW = 0.5  # [s], over which the way is measured
 
 Anchor = Literal["markers", "start", "displacement"]
+
+
+class TemplateFlightError(NoctuleError):
+    """The manual flight does not show enough of the drone."""
 
 
 class TurnUnknownError(NoctuleError):
@@ -75,7 +80,7 @@ def first_poses(
 
     Raises
     ------
-    TurnUnknownError, StartHeadingError
+    TemplateFlightError, TurnUnknownError, StartHeadingError
     """
     sightings = [drone_sighting(frame, background, camera) for frame in frames]
     where = [None if s is None else blob_position(s.blob, camera) for s in sightings]
@@ -83,11 +88,21 @@ def first_poses(
     seen = np.array([s is not None for s in sightings])
     if seen.any() and np.isfinite(marked).sum() >= _ENOUGH * seen.sum():
         return _assembled(where, marked, "markers", "markers")
+    require_enough(int(seen.sum()), len(frames))
     yaw, method = _followed(sightings)
     stamps = np.array([frame.stamp for frame in frames])
     anchor: Anchor = "displacement" if start_yaw is None else "start"
     turned = _backwards(stamps, where, yaw) if start_yaw is None else _turned_at_start(stamps, yaw, start_yaw)
     return _assembled(where, yaw + (HALF_TURN if turned else 0.0), method, anchor)
+
+
+def require_enough(seen: int, frames: int) -> None:
+    """Raise TemplateFlightError unless the drone was seen in enough of the frames to learn from."""
+    if seen < MIN_FRAMES:
+        raise TemplateFlightError(
+            f"template: {seen} of {frames} frames show the drone whole and its heading, at least "
+            f"{MIN_FRAMES} are needed; fly longer, inside the camera's view"
+        )
 
 
 def drone_sighting(frame: DepthFrame, background: Background, camera: FixedCamera) -> Sighting | None:

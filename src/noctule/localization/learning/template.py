@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from noctule.camera import FixedCamera
 from noctule.errors import NoctuleError
 from noctule.geometry import Pose, wrap_angle
-from noctule.localization.learning.bootstrap import Anchor, first_poses
+from noctule.localization.learning.bootstrap import MIN_FRAMES, Anchor, first_poses, require_enough
 from noctule.localization.learning.gauge import regauged, symmetry_axes
 from noctule.localization.matcher import Matcher
 from noctule.localization.registration import align
@@ -20,7 +20,6 @@ from noctule.messages import DepthFrame
 from noctule.vision.depth.background import Background
 
 SURFACE = 0.02  # [m], the seen surface of a small quadrotor lies so far over its middle; calibrated later
-MIN_FRAMES = 60  # that show the drone
 MAX_ROUNDS = 12
 _FIT = 0.6  # ratio of a registration from which a frame is learned from
 _SEEN = 0.4  # of the template must be seen in such a frame; shadows and holes leave 0.6 to 0.8
@@ -28,10 +27,6 @@ _SETTLED = (0.002, np.radians(0.5))  # [m, rad], rms that poses may still move i
 _SHARE = 0.7  # of the frames must fit the template, once it had
 _PATIENCE = 3  # rounds to become sharp
 _EARLY_PLANES = (-0.02,)  # [m], as `PLANES`
-
-
-class TemplateFlightError(NoctuleError):
-    """The manual flight does not show enough of the drone."""
 
 
 class TemplateConvergenceError(NoctuleError):
@@ -95,11 +90,7 @@ def learn_template(
     first = first_poses(frames, background, camera, start_yaw)
     poses = list(first.poses)
     seen = sum(pose is not None for pose in poses)
-    if seen < MIN_FRAMES:
-        raise TemplateFlightError(
-            f"template: {seen} of {len(frames)} frames show the drone whole and its heading, at least "
-            f"{MIN_FRAMES} are needed; fly longer, inside the camera's view"
-        )
+    require_enough(seen, len(frames))
     nearest = background.nearest
     rounds: list[Round] = []
     template = build_template(_samples(frames, poses), nearest, camera, _EARLY_PLANES)
