@@ -9,6 +9,7 @@ from noctule.estimation.filter_state import StateEstimate, start_at
 from noctule.estimation.information_filter import (
     InformationState,
     assimilate,
+    assimilate_turned,
     contribution,
     information_predict,
     turned,
@@ -138,3 +139,14 @@ def test_a_state_without_a_heading_bias_turns_its_yaw_alone():
     moved = turned(i, I, state.x, 0.0, 0.0)
     assert moved[3] == pytest.approx(0.4 - 2.0 * 2 * np.pi)
     assert np.array_equal(turned(i, I, np.zeros(8), 0.0, 0.0), i)
+
+
+@pytest.mark.parametrize(("deviations", "used"), [(990.0, True), (1010.0, False)])
+def test_what_moves_a_state_by_more_than_a_thousand_deviations_is_not_used(deviations, used):
+    state = start_at(0.0, np.zeros(3), 0.0, PRIOR)
+    at = np.array([deviations * state.sd[0]])
+    residual, H = linearise(state.x, np.array([0]), at)
+    i, I = contribution(state.x, residual, H, np.array([[1e-6]]))  # noqa: E741
+    x, P = assimilate_turned(state.x, state.P, i, I, 0.0, 0.0)
+    assert np.isfinite(x).all() == np.isfinite(P).all() == used
+    assert not used or x[0] == pytest.approx(at[0], rel=1e-4)

@@ -1,12 +1,14 @@
 """Nodes agree with the central filter and with each other, and outlive each other's failures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from noctule.estimation.chi_square import nees_band
-from noctule.estimation.contributions import linear_contribution
+from noctule.estimation.contributions import Contribution, ContributionError, fault, linear_contribution
 from noctule.estimation.delayed import DelayedFilter, FilterSettings
 from noctule.estimation.events import Input
 from noctule.estimation.filter_state import FilterError, Prior, start_at
@@ -213,6 +215,61 @@ def test_an_astray_network_finds_back_together():
     assert np.abs(a.P - b.P).max() < 1e-9
 
 
+def broken(stamp, x, sd=0.001, sequence=0):
+    """Return what a broken sensor says of x."""
+    i, I = np.zeros(11), np.zeros((11, 11))  # noqa: E741
+    I[0, 0] = sd**-2
+    i[0] = x * I[0, 0]
+    return Contribution(stamp, "broken", sequence, i, I, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"jump": np.zeros(3)},
+        {"I": np.triu(np.ones((11, 11)))},
+        {"stamp": np.nan},
+        {"i": np.full(11, 1e30)},
+        {"yaw": 1e14, "i": np.zeros(11), "I": np.full((11, 11), 1e-3)},
+    ],
+)
+def test_what_no_measurement_makes_is_not_received(change):
+    one = Node("fusion", START)
+    with pytest.raises(ContributionError, match=r"contribution 0 of 'broken': "):
+        one.receive(replace(broken(0.1, 0.0), **change))
+    assert np.array_equal(one.estimate(0.2).x, Node("fusion", START).estimate(0.2).x)
+
+
+def test_what_would_move_all_beyond_reason_is_left_out_by_all_alike_whenever_it_comes():
+    flight = made_up_flight(200, 9, MODEL, SETTINGS.noise)
+    network, without = Network(nodes(flight.start)), Network(nodes(flight.start))
+    fly(network, flight, until=1.5)
+    fly(without, flight, until=1.5)
+    for k, node in enumerate(network.nodes.values()):
+        assert node.receive(broken(1.2 + 0.001 * k, 200.0, sequence=k))  # one late, the others in between
+    fly(network, flight, since=1.5)
+    fly(without, flight, since=1.5)
+    for name, node in network.nodes.items():
+        here, there = node.estimate(), without.nodes[name].estimate()
+        assert np.array_equal(here.x, there.x)
+        assert node.filter.refusals == {"broken: unusable": 1}
+
+
+def test_a_source_that_was_left_out_is_let_in_when_nobody_else_knows_better():
+    one, now = Node("fusion", START), 0.0
+    for k in range(30):
+        now = (k + 1) / 30
+        one.receive(broken(now, 0.0, 0.005, k))
+    refused, true = [], 60.0  # all that said that it had been carried there was lost
+    for k in range(30, 90):
+        now = (k + 1) / 30
+        one.receive(broken(now, true, 0.005, k))
+        refused.append(abs(one.estimate(now).x[0] - true) > 1.0)
+    assert 1 <= sum(refused) < 30  # within a second
+    assert not any(refused[30:])
+    assert one.estimate(now).x[0] == pytest.approx(true, abs=0.05)
+
+
 @settings(deadline=None)
 @given(
     st.integers(0, 1000), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 0.2), st.floats(0.0, 0.2)
@@ -241,7 +298,9 @@ def test_a_network_of_two_nodes_of_one_name_is_refused():
 
 
 def test_after_a_warm_up_nothing_is_left_to_compile():
-    kernels = (predict, correct, surprises, linear_contribution, assimilate_turned, predict_and_assimilate)
+    kernels = (
+        predict, correct, surprises, linear_contribution, fault, assimilate_turned, predict_and_assimilate,
+    )  # fmt: skip
     warm_up()
     versions = [len(kernel.signatures) for kernel in kernels]
     assert all(versions)

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from noctule.estimation.contributions import (
+    check,
     contribution_of,
     from_bytes,
     message_length,
@@ -132,6 +133,7 @@ def test_a_source_that_is_no_text_is_told():
 
 
 WHO = "contribution 77 of 'depth'"
+ELSEWHERE = "i speaks of a state beyond 1000 m or m/s, or of another yaw than it names; it is refused"
 
 
 @pytest.mark.parametrize(
@@ -142,7 +144,24 @@ WHO = "contribution 77 of 'depth'"
         ({"jump": np.full(11, np.inf)}, f"{WHO}: holds numbers that are not finite; it is refused"),
         ({"jump": np.full(11, 1e200)}, f"{WHO}: holds numbers beyond what any sensor says; it is refused"),
         ({"i": np.full(11, 1e300)}, f"{WHO}: holds numbers beyond what any sensor says; it is refused"),
-        ({"yaw": 1e17}, f"{WHO}: holds numbers beyond what any sensor says; it is refused"),
+        ({"yaw": 1e4}, f"{WHO}: holds numbers beyond what any sensor says; it is refused"),
+        ({"jump": np.full(11, 1e4)}, f"{WHO}: holds numbers beyond what any sensor says; it is refused"),
+        (
+            {"I": np.eye(11) * 1e9},
+            f"{WHO}: I reaches 1e+09; expected at most 1e+08, a deviation of 0.1 mm",
+        ),
+        (
+            {"I": np.eye(11), "i": 1100.0 * np.eye(11)[0]},
+            f"{WHO}: {ELSEWHERE}",
+        ),
+        (
+            {"I": np.eye(11), "i": np.zeros(11), "yaw": 6.0},
+            f"{WHO}: {ELSEWHERE}",
+        ),
+        (
+            {"i": np.zeros(11, dtype=int)},
+            f"{WHO}: its numbers are int64, float64 and float64; expected float64",
+        ),
         (
             {"I": -np.eye(11)},
             f"{WHO}: I has an eigenvalue of -1; expected none below 0: no measurement makes this",
@@ -171,6 +190,45 @@ def test_what_no_measurement_makes_is_not_sent(change, message):
     with pytest.raises(MessageError) as told:
         to_bytes(replace(part(), **change))
     assert str(told.value) == message
+
+
+@settings(deadline=None)
+@given(
+    st.sampled_from(SIZES),
+    st.integers(0, 10_000),
+    st.integers(-500, 500),
+    st.floats(-900.0, 900.0),
+    st.lists(st.booleans(), min_size=8, max_size=8).filter(any),
+)
+def test_every_measurement_within_a_kilometre_can_be_sent_however_often_the_vehicle_has_turned(
+    n, seed, turns, far, measured
+):
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=n)
+    x[:3] += far
+    x[3] += turns * 2.0 * np.pi
+    z = np.concatenate([x[:3] + rng.normal(size=3), rng.uniform(-3.1, 3.1, 1), rng.normal(0, 10.0, 4)])
+    sd = 10.0 ** rng.uniform(-3.9, 1.0, 8)
+    turn = np.linalg.qr(rng.normal(size=(8, 8)))[0]
+    R = turn @ np.diag(sd**2) @ turn.T if seed % 2 else np.diag(sd**2)
+    whole = Measurement(1.5, np.arange(8), z, 0.5 * (R + R.T), "depth", 77)
+    if n in (8, 10):  # without its bias an onboard heading is the yaw once more
+        measured[7] = measured[7] and not measured[3]
+    keep = np.array(measured) if any(measured) else np.arange(8) == 0
+    sent = contribution_of(x, whole.part(keep))
+    check(sent)
+    assert abs(sent.yaw) <= 700.0
+
+
+def test_a_yaw_of_a_thousand_turns_is_counted_anew_and_says_the_same():
+    few, many = part_at(0.3), part_at(0.3 + 1000 * 2.0 * np.pi)
+    assert many.yaw == pytest.approx(0.3, abs=1e-9)
+    assert np.allclose(many.i, few.i, rtol=1e-9, atol=1e-6)
+
+
+def part_at(yaw):
+    x = start_at(0.0, np.ones(3), yaw).x
+    return contribution_of(x, Measurement(1.5, np.array([3]), np.array([0.5]), np.eye(1) * 1e-4, "markers"))
 
 
 @pytest.mark.parametrize(("place", "value"), [(0, np.nan), (22, -1e6), (11, np.inf)])
@@ -278,6 +336,17 @@ def test_a_snapshot_without_a_covariance_is_told():
         assert refusal(seal(b"NOCS", bytes(body)), snapshot_from_bytes) == (
             "snapshot: its covariance is not positive definite, or holds no numbers; refused"
         )
+
+
+def test_a_snapshot_of_a_state_that_no_vehicle_is_in_is_told():
+    known = node().filter.snapshot()
+    far, sure = known.x.copy(), known.P.copy()
+    far[0] = 2e4
+    sure[:, 4] = sure[4, :] = 0.0
+    sure[4, 4] = 1e-12
+    for change in ({"x": far}, {"P": sure}):
+        message = refusal(snapshot_to_bytes(replace(known, **change)), snapshot_from_bytes)
+        assert message.endswith("expected at most 1000 and at least 1e-05: refused")
 
 
 def test_commands_that_are_no_numbers_or_too_few_are_told():

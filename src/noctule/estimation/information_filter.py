@@ -10,6 +10,10 @@ turns the yaw has made, and so does i: adding the i of one count of turns to the
 through whole turns. So a measurement enters as z = h(x) + wrapped innovation with H x in the place of h(x),
 and a contribution that travels says about which yaw and which heading bias it was linearised: `turned`
 moves it to the nearest count of the receiver.
+
+Whoever measured has gated. What would move the receiver by more than a thousand of its own deviations all the
+same is no sensor's doing, and is not used: see `assimilate_turned`. While such a source is refused and nobody
+else measures the same, the deviations grow until it is let in again.
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ from noctule.estimation.matrices import cholesky, inverse_spd, refuse_unsound, t
 from noctule.geometry import Array
 
 _TURN = 2.0 * math.pi
+_MOST_MOVED = 1e6  # squared deviations that one contribution may move a state by
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +105,13 @@ def assimilate(x: Array, P: Array, i: Array, I: Array) -> tuple[Array, Array]:  
     L (1 + L' I L)^-1 L', where nothing is near singular however unequal the variances are, and the mean
     moves by that times i - I x, which loses no digits to a large x.
     """
+    x1, P1, _ = _assimilated(x, P, i, I)
+    return x1, P1
+
+
+@compiled
+def _assimilated(x: Array, P: Array, i: Array, I: Array) -> tuple[Array, Array, float]:  # noqa: E741
+    """Return what `assimilate` does, and how far the mean moves: (x1 - x)' P^-1 (x1 - x)."""
     n = x.size
     L = cholesky(P)
     IL = np.zeros((n, n))
@@ -121,7 +133,7 @@ def assimilate(x: Array, P: Array, i: Array, I: Array) -> tuple[Array, Array]:  
                 M[a, b] += f * IL[k, b]
     C = cholesky(M)
     if np.isnan(L[0, 0]) or np.isnan(C[0, 0]):
-        return np.full(n, np.nan), np.full((n, n), np.nan)
+        return np.full(n, np.nan), np.full((n, n), np.nan), np.nan
     T = np.zeros((n, n))  # C T = L', so that P1 = T' T
     P1 = np.zeros((n, n))
     for b in range(n):
@@ -141,7 +153,16 @@ def assimilate(x: Array, P: Array, i: Array, I: Array) -> tuple[Array, Array]:  
     for a in range(n):
         for b in range(a):
             P1[b, a] = P1[a, b]
-    return refuse_unsound(x + times(P1, i - times(I, x)), P1)
+    d = i - times(I, x)
+    v = times(T, d)  # C' v = T d, so that x1 - x = L v
+    moved = 0.0
+    for a in range(n - 1, -1, -1):
+        for k in range(a + 1, n):
+            v[a] -= C[k, a] * v[k]
+        v[a] /= C[a, a]
+        moved += v[a] * v[a]
+    x1, P1 = refuse_unsound(x + times(P1, d), P1)
+    return x1, P1, moved
 
 
 @compiled
@@ -171,8 +192,15 @@ def assimilate_turned(
     yaw: float,
     heading_bias: float,
 ) -> tuple[Array, Array]:
-    """Return `assimilate` of a contribution of another count of turns, see `turned`."""
-    return assimilate(x, P, turned(i, I, x, yaw, heading_bias), I)
+    """Return `assimilate` of a contribution of another count of turns, see `turned`.
+
+    NaN throughout when it would move the mean by more than a thousand deviations.
+    """
+    x1, P1, moved = _assimilated(x, P, turned(i, I, x, yaw, heading_bias), I)
+    if moved > _MOST_MOVED:
+        x1[:] = np.nan
+        P1[:] = np.nan
+    return x1, P1
 
 
 @compiled

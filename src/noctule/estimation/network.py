@@ -9,6 +9,8 @@ Who gates: the node that measured, once, against all that it knows. What it lets
 everyone as it is, with the jump of a gate that had widened; what it refuses nobody hears of. A receiver
 that gated again would drop what others keep, and the nodes would no longer agree even with every message
 delivered. A node is trusted to be honest, not to be alive: late, doubled and missing messages do no harm.
+Nor does a node that is broken: what no measurement can have made is refused wherever it turns up, and the
+filters of all nodes leave out, by the same numbers, what would move them beyond all reason.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from operator import itemgetter
 import numpy as np
 from pydantic import Field
 
-from noctule.estimation.contributions import Contribution, contribution_of
+from noctule.estimation.contributions import Contribution, ContributionError, check, contribution_of
 from noctule.estimation.delayed import DEFAULTS, DelayedFilter, FilterSettings
 from noctule.estimation.events import Input
 from noctule.estimation.filter_state import FilterError, StateEstimate, start_at
@@ -50,7 +52,8 @@ class Node:
     def measure(self, measurement: Measurement, now: float | None = None) -> Contribution | None:
         """Use the node's own measurement and return what to share; None when there is nothing to.
 
-        Nothing: it came too late or twice, or the gates refuse it. `now` [s] is the caller's time.
+        Nothing: it came too late or twice, the gates refuse it, or nobody would take it (see
+        `contributions.check`). `now` [s] is the caller's time.
         """
         prior = self.filter.before(measurement)
         gate = self.filter.settings.gate
@@ -62,15 +65,29 @@ class Node:
             kept, jump = verdict.kept, verdict.jump
             refused, since = verdict.refused, verdict.since
         shared = contribution_of(prior.x, kept, jump) if kept is not None else None
-        if shared is not None and not self.filter.insert(shared, now):
+        if shared is not None and not self.insert(shared, now):
             return None
         self._since = since
         if refused:
             self.refusals.update(f"{measurement.source}: {reason}" for reason in refused)
         return shared
 
+    def insert(self, own: Contribution, now: float | None = None) -> bool:
+        """Use a contribution of its own; return whether it was of use and can be shared."""
+        try:
+            check(own)
+        except ContributionError:
+            self.refusals[f"{own.source}: beyond what any sensor says"] += 1
+            return False
+        return self.filter.insert(own, now)
+
     def receive(self, message: Contribution | Input, now: float | None = None) -> bool:
-        """Take what another node shared, or a command that was sent; return whether it was of use."""
+        """Take what another node shared, or a command that was sent; return whether it was of use.
+
+        Raises ContributionError for what no measurement can have made; nothing has changed then.
+        """
+        if isinstance(message, Contribution):
+            check(message)
         return self.filter.insert(message, now)
 
     def estimate(self, stamp: float | None = None) -> StateEstimate:

@@ -13,10 +13,11 @@ import numpy as np
 
 from noctule.estimation.contributions import Contribution, from_bytes, to_bytes
 from noctule.estimation.events import Event, Input, Key, Snapshot
-from noctule.estimation.filter_state import SIZES
+from noctule.estimation.filter_state import SIZES, YAW
 from noctule.estimation.framing import NAME_BYTES, MessageError, packed_name, seal, unpacked_name, unseal
 
 _LARGEST, _LARGEST_INPUT = 1e15, 1000.0  # what is much larger overflows when it is multiplied
+_FARTHEST, _MOST_TURNED, _SUREST = 1000.0, 1e6, 1e-5  # [m, m/s], [rad]; deviations are larger
 INPUTS, SNAPSHOT = b"NOCU", b"NOCS"
 _COUNT = struct.Struct("<H")
 _INPUT = struct.Struct(f"<{NAME_BYTES}sQd?4d")
@@ -74,6 +75,15 @@ def snapshot_from_bytes(data: bytes) -> Snapshot:
     finite = np.isfinite([stamp, at]).all() and bool((np.abs(numbers) <= _LARGEST).all())
     if not (finite and np.linalg.eigvalsh(P)[0] > 0.0):
         raise MessageError("snapshot: its covariance is not positive definite, or holds no numbers; refused")
+    reach = np.full(n, _FARTHEST)
+    reach[YAW] = _MOST_TURNED
+    x = numbers[:n].copy()
+    if (np.abs(x) > reach).any() or np.diag(P).min() < _SUREST**2:
+        raise MessageError(
+            f"snapshot: reaches {np.abs(np.delete(x, YAW)).max():.3g} m with deviations from "
+            f"{np.sqrt(np.diag(P).min()):.3g} on; expected at most {_FARTHEST:.0f} and at least {_SUREST:g}: "
+            "refused"
+        )
     source = unpacked_name(name, "snapshot") if name.strip(b"\0") else ""
     held: Input | None = None
     if in_force:
@@ -83,7 +93,7 @@ def snapshot_from_bytes(data: bytes) -> Snapshot:
     while place < len(body):
         event, place = _unpacked_event(body, place)
         events.append(event)
-    return Snapshot(Key(stamp, rank, source, sequence), at, numbers[:n].copy(), P, held, {}, tuple(events))
+    return Snapshot(Key(stamp, rank, source, sequence), at, x, P, held, {}, tuple(events))
 
 
 def _packed_input(sent: Input) -> bytes:
