@@ -54,6 +54,7 @@ def port():
 def alone(noctule, port, monkeypatch):
     """Run a node that nobody answers, that joins at once and leaves nothing out for being late."""
     monkeypatch.setattr("noctule.flight.network.member.JOINING", 0.0)
+    monkeypatch.setattr("noctule.flight.network.process._MET", 0.0)
     monkeypatch.setattr("noctule.flight.network.pacing.TOO_LATE", 600.0)
 
     def call(role, *tokens):
@@ -95,6 +96,26 @@ def test_every_node_has_help_with_json_and_an_example_to_paste(noctule, role):
         (
             ["fusion", "--drill", "0", "--drill-seconds", "0"],
             "node: --drill-seconds is 0, expected above 0, up to 600",
+        ),
+        (
+            ["fusion", "--drill", "-1"],
+            "node: --drill is -1, expected a seed of 0 or more",
+        ),
+        *(
+            (
+                ["fusion", "--begin", given],
+                f"node: --begin is {told}, expected seconds as `date +%s` prints them, at most a day ahead",
+            )
+            for given, told in (
+                ("nan", "nan"),
+                ("inf", "inf"),
+                ("-1", "-1"),
+                ("1795414370000", "1.79541e+12"),
+            )
+        ),
+        (
+            ["onboard", "--recording", "f.mcap", "--from", "nan"],
+            "node: --from is nan, expected a stamp of the recording [s]",
         ),
         (
             ["onboard", "--simulated", "--site", "nowhere"],
@@ -290,6 +311,41 @@ def test_the_onboard_node_plays_a_recorded_flight(alone, tmp_path):
     assert told["shared"] >= 9
 
 
+def test_a_recording_that_is_over_before_the_beginning_asked_for_tells_its_range(alone, tmp_path):
+    with FlightRecorder(tmp_path / "flight.mcap") as recorder:
+        for stamp in (5.0, 5.25):
+            sent = sent_message(stamp, Command(), Command(), "flying", "", "")
+            recorder.tick(stamp, VehicleState(stamp, FlightState.FLYING), None, (), None, sent)
+    said = alone("onboard", "--recording", "flight.mcap", "--from", "5.5")
+    assert (said.code, said.err) == (
+        2,
+        "noctule: node onboard: --from is 5.5, recording flight.mcap holds 5.000 to 5.250 s; give a stamp "
+        "within them\n",
+    )
+
+
+def test_frames_that_are_over_before_the_beginning_asked_for_tell_their_range(alone, tmp_path):
+    leave(tmp_path / "f", [depth([], k) for k in range(5)])
+    leave_site(tmp_path / "s")
+    save_background(tmp_path / "s", learn_background([depth([], k) for k in range(12)]), CAMERA)
+    said = alone("markers", "--site", "s", "--folder", "f", "--from", "99", "--json")
+    assert said.code == 2
+    assert said.err.splitlines()[-1].startswith(
+        "noctule: node markers: --from is 99, folder f holds 0.000 to "
+    )
+
+
+def test_a_fusion_that_is_started_again_keeps_what_it_wrote_before_and_says_so(alone):
+    first, second = (alone("fusion", "--seconds", "0.2", "--out", "o", "--json") for _ in range(2))
+    assert first.last_json["table"] == "o/estimates.csv"
+    assert (second.last_json["table"], second.last_json["recording"]) == (
+        "o/estimates-2.csv",
+        "o/estimates-2.mcap",
+    )
+    assert "table o/estimates-2.csv: what earlier runs left in this folder is kept" in second.err
+    assert "kept" not in first.err
+
+
 def test_the_onboard_node_of_the_simulated_room_reports(alone):
     said = alone("onboard", "--simulated", "--seconds", "2", "--json")
     assert said.code == 0
@@ -334,6 +390,7 @@ def test_the_end_in_words_names_what_was_lost_and_why():
         "assimilated": 9, "rejoined": 1,
         "refused": {"depth: yaw gate": 2}, "dropped": {"too late": 3}, "malformed": {"beat": 4},
         "why_malformed": {"beat": "depth: heartbeat: 3 bytes"}, "overruns": 5, "half_turns": 1,
+        "namesakes": 6,
         "drill": {"nees_per_state": 1.02}, "table": "o/estimates.csv", "recording": "o/estimates.mcap",
     }  # fmt: skip
     assert in_words(found).splitlines() == [
@@ -343,6 +400,7 @@ def test_the_end_in_words_names_what_was_lost_and_why():
         "dropped: 3 too late",
         "no message: 4 beat",
         "the last of them: depth: heartbeat: 3 bytes",
+        "another node called itself fusion: 6 messages left out",
         "half turns: the heading was found to be the other one 1 times",
         "too many messages: 5 were lost; is this machine too slow?",
         "drill: NEES per state 1.02, 1 when it knows its errors",

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from noctule.estimation.chi_square import nees, nees_band
-from noctule.estimation.contributions import from_bytes
+from noctule.estimation.contributions import Contribution, from_bytes, to_bytes
 from noctule.estimation.events import Input
 from noctule.estimation.filter_state import start_at
 from noctule.estimation.framing import seal
@@ -20,6 +20,7 @@ from noctule.flight.network.drill import made_up
 from noctule.flight.network.member import JOINING, Member
 from noctule.flight.network.roll_call import Beat, beat_to_bytes
 from noctule.flight.network.wire import SHARED, Kind
+from noctule.geometry import Array
 
 FROM_PEERS = (*SHARED, Kind.SNAPSHOT)
 BEGIN = 1000.0
@@ -87,7 +88,7 @@ def test_a_repeated_command_is_no_duplicate_to_complain_of():
 
 @pytest.mark.parametrize("kind", FROM_PEERS)
 def test_bytes_that_are_no_message_are_counted_with_a_reason_and_change_nothing(kind):
-    one = member()
+    one = member("fusion")
     before = one.node.estimate(BEGIN + 1.0)
     assert not one.take(kind, "depth", b"what is this", BEGIN)
     assert one.summary()["malformed"] == {str(kind): 1}
@@ -98,7 +99,7 @@ def test_bytes_that_are_no_message_are_counted_with_a_reason_and_change_nothing(
 
 
 def test_the_reason_of_a_cut_contribution_is_told_in_full():
-    one = member()
+    one = member("fusion")
     one.take(Kind.CONTRIBUTION, "depth", shared(member(), BEGIN + 0.1)[:-1], BEGIN + 0.2)
     assert one.why_malformed == {
         "contribution": "depth: contribution: its checksum does not match; it was damaged or cut on the way"
@@ -112,7 +113,7 @@ def test_the_reason_of_a_cut_contribution_is_told_in_full():
     st.sampled_from([b"NOCI", b"NOCB", INPUTS, SNAPSHOT]),
 )
 def test_no_bytes_raise_whatever_they_are(kind, body, magic):
-    one = member()
+    one = member("fusion")
     for data in (body, seal(magic, body)):
         one.take(kind, "depth", data, BEGIN)
     assert np.isfinite(one.node.estimate(BEGIN + 1.0).x).all()
@@ -267,3 +268,97 @@ def test_a_message_of_a_full_state_is_small():
     a = member()
     assert len(shared(a, BEGIN + 0.1)) == 764
     assert from_bytes(shared(a, BEGIN + 0.2, sequence=1)).source == "depth"
+
+
+def lie(stamp: float, kind: str, sequence: int) -> bytes:
+    """Return a contribution of a broken sensor, in a sound frame."""
+    i, I, yaw = np.zeros(11), np.zeros((11, 11)), 0.0  # noqa: E741
+    if kind == "another turn":
+        I[:], yaw = 1e-3, 1e14
+    elif kind == "a yaw that i does not know":
+        I[3, 3], yaw = 1.0, 500.0
+    elif kind == "far away":
+        i[0], I[0, 0] = 1e9, 1e3
+    elif kind == "too sure":
+        i[0], I[0, 0] = 9e14, 1e14
+    elif kind == "at the end of the street":
+        i[0], I[0, 0] = 100.0 * 1e6, 1e6
+    return bytes_of(Contribution(stamp, "broken", sequence, i, I, yaw, 0.0))
+
+
+def bytes_of(part: Contribution) -> bytes:
+    """Return the message of a contribution that need not be sound."""
+    sound = Contribution(part.stamp, part.source, part.sequence, np.zeros(11), np.zeros((11, 11)), 0.0, 0.0)
+    body = bytearray(to_bytes(sound)[6:-4])
+    numbers: Array = np.concatenate([[part.yaw, 0.0], part.i, np.zeros(11), part.I[np.triu_indices(11)]])
+    body[-8 * numbers.size :] = numbers.tobytes()
+    return seal(b"NOCI", bytes(body))
+
+
+LIES = ("another turn", "a yaw that i does not know", "far away", "too sure", "at the end of the street")
+
+
+@pytest.mark.parametrize("kind", LIES)
+def test_a_broken_peer_neither_ends_the_others_nor_moves_them(kind):
+    drill = made_up(4, 3.0, BEGIN)
+    names = ("onboard", "depth", "markers")
+    members = {name: Member(name, drill.start, drill.model, drill.settings) for name in names}
+    errors = []
+    for k, (measured, truth) in enumerate(zip(drill.flight.measurements, drill.flight.truths, strict=True)):
+        z = replace(measured, stamp=measured.stamp + BEGIN)
+        now = z.stamp + 0.05
+        message = members[z.source].measure(z, now)
+        for name, one in members.items():
+            if message is not None and name != z.source:
+                one.take(Kind.CONTRIBUTION, z.source, message, now)
+            if k > 100:
+                one.take(Kind.CONTRIBUTION, "broken", lie(z.stamp, kind, k), now)
+        errors += [np.abs((one.known(now).x - truth)[:3]).max() for one in members.values() if k > 100]
+    assert max(errors) < 0.1
+    for one in members.values():
+        told = one.summary()
+        counted = told["malformed"].get("contribution", 0) + told["refused"].get("broken: unusable", 0)
+        assert counted >= len(drill.flight.measurements) - 101
+        assert one.shared > 0.9 * one.measured  # what they measure themselves is not refused for it
+
+
+def test_what_was_left_out_is_still_counted_after_it_joined_again():
+    a, b = member("depth"), member("fusion")
+    for k in range(30):
+        b.take(Kind.CONTRIBUTION, "depth", shared(a, BEGIN + 0.02 * (k + 1), 0.1, k), BEGIN + 0.02 * (k + 1))
+    b.take(Kind.CONTRIBUTION, "broken", lie(BEGIN + 0.65, LIES[-1], 0), BEGIN + 0.65)
+    for k in range(30, 70):
+        shared(a, BEGIN + 0.02 * (k + 1), 0.1, k)
+    assert b.take(Kind.SNAPSHOT, "depth", a.snapshot(), BEGIN + 1.5)
+    assert b.summary()["refused"] == {"broken: unusable": 1}
+
+
+def test_a_measurement_that_nobody_would_take_is_counted_and_not_shared():
+    one = member()
+    sure = replace(seen(BEGIN + 0.1), R=1e-12 * np.eye(4))
+    assert one.measure(sure, BEGIN + 0.1) is None
+    assert one.summary()["refused"] == {"depth: beyond what any sensor says": 1}
+    assert one.measure(seen(BEGIN + 0.2, sequence=1), BEGIN + 0.2) is not None
+
+
+@pytest.mark.parametrize("kind", FROM_PEERS)
+def test_what_another_node_of_its_own_name_says_is_counted_and_not_listened_to(kind):
+    one, other = member("depth"), member("depth")
+    messages = {
+        Kind.CONTRIBUTION: shared(other, BEGIN + 0.1),
+        Kind.COMMANDS: other.command(command(BEGIN + 0.1), BEGIN + 0.1),
+        Kind.BEAT: beat_to_bytes(other.beat(BEGIN)),
+        Kind.SNAPSHOT: other.snapshot(),
+    }
+    assert not one.take(kind, "depth", messages[kind], BEGIN + 0.2)
+    assert one.roll.peers == {}
+    assert one.summary()["namesakes"] == 1
+    assert one.summary()["malformed"] == {}
+
+
+def test_who_does_not_know_whether_its_name_is_free_measures_nothing():
+    one = member()
+    one.named = False
+    assert one.measure(seen(BEGIN + 0.1), BEGIN + 0.1) is None
+    one.named = True
+    assert one.measure(seen(BEGIN + 0.2, sequence=1), BEGIN + 0.2) is not None

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from noctule.devices.protocols import DeviceError
 from noctule.estimation.delayed import DEFAULTS
 from noctule.estimation.events import Input
-from noctule.estimation.filter_state import start_at
+from noctule.estimation.filter_state import Prior, start_at
 from noctule.estimation.measurements import Component, Measurement
 from noctule.estimation.node_messages import inputs_from_bytes, snapshot_from_bytes
 from noctule.flight import codec
@@ -51,7 +51,9 @@ class FakeWire:
         self.inbox: queue.Queue = queue.Queue()
         self.shared: list[tuple[Kind, bytes]] = []
         self.answers: list[bytes] = []
-        self.asked = 0
+        self.asked = self.declined = 0
+        self.namesakes: set[str] = set()
+        self.younger: set[str] = set()
         for item in received:
             self.inbox.put(item)
 
@@ -64,11 +66,20 @@ class FakeWire:
     def answer(self, received, data) -> None:
         self.answers.append(data)
 
+    def decline(self, received) -> None:
+        self.declined += 1
+
     def require_own_name(self) -> None:
         pass
 
     def said(self, kind) -> list[bytes]:
         return [data for k, data in self.shared if k is kind]
+
+
+@pytest.fixture(autouse=True)
+def met_at_once(monkeypatch):
+    """Let a node know at once that its name is free."""
+    monkeypatch.setattr("noctule.flight.network.process._MET", 0.0)
 
 
 def member(stamp: float = 0.0) -> Member:
@@ -295,6 +306,35 @@ def test_a_second_node_of_the_same_name_ends_once_what_was_killed_is_forgotten()
     assert 1.2 < next(times) < 5.0
 
 
+def test_a_node_shares_nothing_before_it_knows_that_its_name_is_free(monkeypatch):
+    monkeypatch.setattr("noctule.flight.network.process._MET", 0.3)
+    begun = time.time()
+    wire, one = FakeWire(Received(Kind.ASKED, "", query=object())), joined(member(begun - 1.0))
+    told: list[float] = []
+    wire.share = lambda kind, data: told.append(time.time() - begun)
+    run_node(one, wire, None, [], threading.Event(), begun + 0.6)
+    assert 0.3 <= min(told) < 0.55
+    assert (wire.answers, wire.declined) == ([], 1)
+
+
+def test_the_younger_of_two_of_one_name_shares_nothing_as_long_as_it_is_there():
+    now = time.time()
+    wire, one = FakeWire(), joined(member(now - 1.0))
+    wire.namesakes.add("an elder")
+    readings = [seen(now - 0.2), Input(now - 0.1, np.zeros(4)), seen(now - 0.05, 1)]
+    run_node(one, wire, readings, [], threading.Event(), now + 60.0)
+    assert wire.shared == []
+    assert one.doubled
+
+
+def test_the_elder_of_two_of_one_name_says_that_there_is_another_and_not_that_it_is_missing():
+    wire, one = FakeWire(Received(Kind.BEAT, "depth", b"whatever it says")), member(time.time())
+    wire.younger.add("a younger one")
+    run_node(one, wire, None, [], threading.Event(), time.time() + 0.2)
+    assert one.namesakes == 1
+    assert roll_text(one, 0.0) == "another node calls itself depth"
+
+
 def test_markers_say_the_heading_or_why_not(monkeypatch):
     sightings = iter([None, "sighting", "sighting"])
     headings = iter([None, HeadingMeasurement(0.3, 1.1, 0.01, "markers")])
@@ -363,6 +403,26 @@ def test_estimates_are_written_into_a_table_and_a_recording(tmp_path):
     assert sorted(at for topic, at in messages if topic == "/pose") == [5_200_000_000, 5_300_000_000]
 
 
+def test_what_an_earlier_run_wrote_is_kept(tmp_path):
+    one = member(5.0)
+    (tmp_path / "estimates-2.mcap").touch()  # its table is lost
+    for now in (5.2, 5.4):
+        with EstimateLog(tmp_path) as log:
+            log(now, one)
+    assert (log.table.name, log.recording.name, log.others) == ("estimates-3.csv", "estimates-3.mcap", 2)
+    for name, stamp in (("estimates", 5.2), ("estimates-3", 5.4)):
+        with (tmp_path / f"{name}.csv").open(newline="") as file:
+            assert [float(row["stamp"]) for row in csv.DictReader(file)] == [stamp]
+        with (tmp_path / f"{name}.mcap").open("rb") as file:
+            assert {m.log_time for *_, m in make_reader(file).iter_messages()} == {round(1e9 * stamp)}
+
+
+def test_two_nodes_that_begin_at_once_in_one_folder_do_not_share_a_file(tmp_path):
+    with EstimateLog(tmp_path) as a, EstimateLog(tmp_path) as b:
+        assert {a.table.name, b.table.name} == {"estimates.csv", "estimates-2.csv"}
+        assert a.recording != b.recording
+
+
 def test_a_table_that_cannot_be_written_is_told(tmp_path):
     with pytest.raises(RecordingError) as told, EstimateLog(tmp_path / "missing"):
         pass
@@ -390,3 +450,20 @@ def test_the_live_line_tells_where_how_well_and_who():
 
 def test_the_live_line_of_a_node_that_is_alone_and_has_not_begun():
     assert status_line(9.0, member(10.0), 10.0) == "   -1.00 s  not begun  | no other node yet"
+
+
+def test_the_live_line_says_what_nobody_knows_yet():
+    assert status_line(10.0, Member("fusion", start_at(10.0, np.zeros(3), 0.0, Prior(2.0, 2.0))), 10.0) == (
+        "    0.00 s  position unknown  heading unknown  | no other node yet"
+    )
+
+
+def test_the_live_line_names_the_few_that_went_last():
+    one = member()
+    for k in range(7):
+        one.roll.beat(f"n{k}", Beat(float(k), 0), float(k))
+        one.roll.gone(f"n{k}", float(k))
+    assert roll_text(one, 0.0) == (
+        ", ".join(f"n{k} missing since {k}.0 s (its connection ended)" for k in (6, 5, 4, 3))
+        + ", 3 more missing"
+    )

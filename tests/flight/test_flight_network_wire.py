@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import socket
 import sys
 import threading
 import time
@@ -24,7 +25,7 @@ from noctule.flight.network.endpoints import (
 )
 from noctule.flight.network.member import Member
 from noctule.flight.network.process import run_node
-from noctule.flight.network.roll_call import SILENT, Beat, RollCall, beat_from_bytes, beat_to_bytes
+from noctule.flight.network.roll_call import FORGOTTEN, SILENT, Beat, RollCall, beat_from_bytes, beat_to_bytes
 from noctule.flight.network.wire import (
     SHARED,
     Kind,
@@ -108,6 +109,7 @@ def test_the_younger_of_two_nodes_of_one_name_is_told_while_the_elder_is_there()
         with pytest.raises(NameTakenError) as told:
             younger.require_own_name()
         elder.require_own_name()
+        wait_until(lambda: elder.younger)
         assert elder.inbox.empty()  # nobody came as far as it is concerned
         elder.__exit__(None, None, None)
         wait_until(lambda: not younger.namesakes)
@@ -201,7 +203,7 @@ def test_a_node_does_not_connect_to_itself():
 
 
 @pytest.mark.parametrize(
-    "text", ["17450", "udp/127.0.0.1:17450", "host:0", "host:65536", "a b:1", "host:1;x"]
+    "text", ["17450", "udp/127.0.0.1:17450", "host:0", "host:65536", "a b:1", "host:1;x", "[::::]:1"]
 )
 def test_what_is_no_address_is_told(text):
     with pytest.raises(EndpointError) as told:
@@ -211,14 +213,32 @@ def test_what_is_no_address_is_told(text):
     )
 
 
-@pytest.mark.parametrize("text", ["0.0.0.0:17450", "[::]:17450"])
-def test_every_interface_is_no_address(text):
+EVERYWHERE = (
+    "0.0.0.0", "[::]", "0", "0.0", "000.0.0.0", "0x0", "[::0]", "[0:0:0:0:0:0:0:0]", "[::ffff:0.0.0.0]",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("host", EVERYWHERE)
+def test_every_interface_is_no_address_however_it_is_written(host):
+    text = f"{host}:17450"
     with pytest.raises(EndpointError) as told:
         endpoints("depth", [text])
     assert str(told.value) == (
         f"node: --listen is {text!r}, which is every interface; name the address of one, for example "
         "192.168.1.7:17450"
     )
+
+
+def test_a_name_of_every_interface_is_no_address_to_listen_at(monkeypatch):
+    told = [(socket.AF_INET, socket.SOCK_STREAM, 6, "", ("0.0.0.0", 0))]
+    monkeypatch.setattr("socket.getaddrinfo", lambda *_: told)
+    with pytest.raises(EndpointError, match="every interface"):
+        endpoints("depth", ["anywhere.local:17450"])
+
+
+def test_an_address_in_numbers_is_written_as_usual():
+    found = endpoints("depth", ["127.1:5"], ["[0:0::1]:6", "127.000.0.01:5"])
+    assert found == Endpoints(("tcp/127.0.0.1:5",), ("tcp/[::1]:6",))
 
 
 def test_a_name_that_does_not_fit_is_told():
@@ -281,3 +301,18 @@ def test_who_was_never_there_is_not_missed_and_names_do_not_pile_up():
     for k in range(100):
         roll.beat(f"n{k}", Beat(1.0, 0), 1.0)
     assert len(roll.peers) == 64
+    roll.check(1.1 + SILENT)
+    roll.beat("depth", Beat(2.2, 1), 2.2)  # a real one takes the place of one that is gone
+    assert "depth" in roll.there
+    assert len(roll.peers) == 64
+
+
+def test_who_is_gone_for_long_is_forgotten():
+    roll = RollCall()
+    for name in ("depth", "old"):
+        roll.beat(name, Beat(1.0, 0), 1.0)
+    for k in range(1, 100):
+        roll.beat("depth", Beat(1.0 + 0.9 * k, 0), 1.0 + 0.9 * k)
+        roll.check(1.0 + 0.9 * k)
+        assert ("old" in roll.peers) == (0.9 * k <= FORGOTTEN)
+    assert roll.there == ("depth",)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 Addresses = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
 _POSITION_SD, _YAW_SD = 2.0, 2.0  # [m], [rad], at first: anywhere in a room, turned anyhow
 _START = (0.0, 0.0, 1.0)  # [m]
+_DAY = 86_400.0  # [s]
 
 
 class NodeOptionsError(NoctuleError):
@@ -47,7 +49,7 @@ class NodeOptions:
         The identified model of the vehicle (vehicle.toml), the same for all nodes. Left out, none.
     begin
         When the recording, the simulation or the drill begins: seconds as `date +%s` prints them, the same
-        for all nodes. Left out, now.
+        for all nodes, at most a day ahead. Left out, now.
     from_
         The stamp of the recording [s] that is played at that time. Left out, its first.
     drill
@@ -108,10 +110,13 @@ def prepare(role: str, options: NodeOptions) -> Prepared:
     from noctule.localization.sensors_file import sensors_of
     from noctule.localization.vehicle_file import load_vehicle_model
 
-    name = checked_name(options.name or role)
+    _check_times(options)
+    name = checked_name(role if options.name is None else options.name)
     addresses = endpoints(role, options.listen, options.connect)
     if options.drill is not None and (options.site or options.vehicle or options.from_ is not None):
         raise NodeOptionsError("node: --drill does not go with --site, --vehicle and --from; leave them out")
+    if options.drill is not None and options.drill < 0:
+        raise NodeOptionsError(f"node: --drill is {options.drill}, expected a seed of 0 or more")
     if not 0.0 < options.drill_seconds <= 600.0:
         raise NodeOptionsError(
             f"node: --drill-seconds is {options.drill_seconds:g}, expected above 0, up to 600"
@@ -130,3 +135,22 @@ def prepare(role: str, options: NodeOptions) -> Prepared:
     own = Member(name, start, model, tuned(DEFAULTS, sensors))
     senses = Senses(name, sensors)
     return Prepared(name, role, own, senses, addresses, begin, options.begin, options.from_, None)
+
+
+def _check_times(options: NodeOptions) -> None:
+    if options.begin is not None and not 0.0 <= options.begin <= time.time() + _DAY:
+        raise NodeOptionsError(
+            f"node: --begin is {options.begin:g}, expected seconds as `date +%s` prints them, "
+            "at most a day ahead"
+        )
+    if options.from_ is not None and not math.isfinite(options.from_):
+        raise NodeOptionsError(f"node: --from is {options.from_:g}, expected a stamp of the recording [s]")
+
+
+def require_within(from_: float | None, first: float, last: float, what: str, role: str) -> None:
+    """Raise NodeOptionsError when `what` is over before the stamp `from_` [s] that is to be played."""
+    if from_ is not None and from_ > last:
+        raise NodeOptionsError(
+            f"node {role}: --from is {from_:g}, {what} holds {first:.3f} to {last:.3f} s; "
+            "give a stamp within them"
+        )

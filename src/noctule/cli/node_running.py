@@ -42,7 +42,7 @@ def run_prepared(
     """Run a node to its end; 0 when it took part at all: it shared or assimilated something."""
     from noctule.flight.interrupt import interruptible
     from noctule.flight.network.drill import Judge
-    from noctule.flight.network.estimate_log import RECORDING, TABLE, EstimateLog
+    from noctule.flight.network.estimate_log import EstimateLog
     from noctule.flight.network.process import expectation, run_node
     from noctule.flight.network.wire import Wire
 
@@ -61,9 +61,11 @@ def run_prepared(
     with ExitStack() as open_, interruptible() as stopped, _ended_by_service(stopped):
         wire = open_.enter_context(Wire(node.name, node.endpoints))
         if record:
-            folder = out_folder(out, "fusion")
-            watchers.append(open_.enter_context(EstimateLog(folder)))
-            summary = {"table": folder / TABLE, "recording": folder / RECORDING}
+            log = open_.enter_context(EstimateLog(out_folder(out, "fusion")))
+            watchers.append(log)
+            summary = {"table": log.table, "recording": log.recording}
+            if log.others:
+                status.say(f"table {log.table}: what earlier runs left in this folder is kept")
         try:
             run_node(
                 node.member,
@@ -128,6 +130,10 @@ class Status:
         else:
             print(line, file=self._out, flush=True)
 
+    def say(self, line: str) -> None:
+        """Show a line that stays."""
+        print(line, file=self._out, flush=True)
+
     def end(self) -> None:
         """Leave the live line."""
         if self._live:
@@ -145,6 +151,8 @@ def in_words(found: dict[str, Any]) -> str:
     for title, key in (("refused", "refused"), ("dropped", "dropped"), ("no message", "malformed")):
         lines += [f"{title}: {count} {reason}" for reason, count in found[key].items()]
     lines += [f"the last of them: {reason}" for reason in found["why_malformed"].values()]
+    if found["namesakes"]:
+        lines.append(f"another node called itself {found['node']}: {found['namesakes']} messages left out")
     if found["half_turns"]:
         lines.append(f"half turns: the heading was found to be the other one {found['half_turns']} times")
     if found["overruns"]:

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 
 from noctule.cli.depth_options import NONE, SourceOptions
 from noctule.cli.locate_commands import Detector
-from noctule.cli.node_options import NODE, NodeOptions, NodeOptionsError, Prepared, prepare
+from noctule.cli.node_options import (
+    NODE,
+    NodeOptions,
+    NodeOptionsError,
+    Prepared,
+    prepare,
+    require_within,
+)
 from noctule.cli.options import Flag, Seed
 from noctule.errors import NoctuleError
 
@@ -19,6 +26,7 @@ if TYPE_CHECKING:
     from noctule.flight.depth_sources import DepthSource
     from noctule.flight.network.process import Nothing, Reading
     from noctule.flight.network.sensing import Expectation
+    from noctule.flight.reader import Recording
     from noctule.localization.site import SiteCamera
     from noctule.messages import DepthFrame
 
@@ -59,10 +67,11 @@ def node_onboard(
     if seed is not None and given != "--simulated":
         raise NodeOptionsError("node onboard: --seed goes with --simulated only; leave it out")
     ready = prepare("onboard", node)
+    recorded = None if recording is None else _recording(recording, ready)
 
     def readings(stop: threading.Event, expected: Expectation) -> Iterable[Reading]:
-        if recording is not None:
-            return _of_recording(recording, ready, stop)
+        if recorded is not None:
+            return _of_recording(recorded, ready, stop)
         return _of_simulation(seed or 0, seconds or _SECONDS, ready, stop)
 
     return run_prepared(ready, readings, seconds=seconds, as_json=json)
@@ -178,7 +187,8 @@ def node_fusion(
     seconds
         Stop after this long; left out, at Ctrl-C.
     out
-        The folder for estimates.csv and estimates.mcap; left out, a new one under flights/.
+        The folder for estimates.csv and estimates.mcap; left out, a new one under flights/. What earlier runs
+        left in it is kept: then they are estimates-2.csv and estimates-2.mcap, and so on.
     json
         End standard output with one JSON object; the live line goes to standard error.
     """
@@ -206,10 +216,21 @@ def _timed(
 
     if options.simulated:
         return _live_simulation(options, ready, stop)
-    frames = straightened(source.frames(), camera)
+    frames = straightened(_reaching(source, ready), camera)
     if options.device is not None:
         return live_frames(_of_device(frames, options.device, ready.role), stop)
     return paced_frames(frames, ready.schedule, stop)
+
+
+def _reaching(source: DepthSource, ready: Prepared) -> Iterator[DepthFrame]:
+    """Yield the frames of a source; raises NodeOptionsError at its end when that is before --from."""
+    first = last = None
+    for frame in source.frames():
+        last = frame.stamp
+        first = last if first is None else first
+        yield frame
+    if first is not None and last is not None:
+        require_within(ready.from_, first, last, source.name, ready.role)
 
 
 def _of_device(frames: Iterable[DepthFrame], device: str, role: str) -> Iterator[DepthFrame]:
@@ -244,11 +265,19 @@ def _live_simulation(
     return paced_frames(frames, lambda first: when, stop)
 
 
-def _of_recording(file: Path, ready: Prepared, stop: threading.Event) -> Iterable[Reading]:
-    from noctule.flight.network.sensing import recorded_navdata
+def _recording(file: Path, ready: Prepared) -> Recording:
     from noctule.flight.reader import read_recording
 
     recording = read_recording(file)
+    if recording.ticks:
+        first, last = recording.ticks[0].stamp, recording.ticks[-1].stamp
+        require_within(ready.from_, first, last, f"recording {file}", ready.role)
+    return recording
+
+
+def _of_recording(recording: Recording, ready: Prepared, stop: threading.Event) -> Iterable[Reading]:
+    from noctule.flight.network.sensing import recorded_navdata
+
     first = recording.ticks[0].stamp if recording.ticks else 0.0
     return recorded_navdata(recording, ready.schedule(first), ready.name, stop)
 

@@ -11,25 +11,30 @@ from typing import IO, Any, Self
 
 import numpy as np
 
-from noctule.estimation.filter_state import StateEstimate, state_names
+from noctule.estimation.filter_state import YAW, StateEstimate, state_names
 from noctule.flight.depth_recording import DepthRecorder
 from noctule.flight.network.member import Member
 from noctule.flight.recording import RecordingError
 from noctule.geometry import wrap_angle
 from noctule.messages import PoseMeasurement
 
-TABLE, RECORDING = "estimates.csv", "estimates.mcap"
+_NAME, _TABLE, _RECORDING = "estimates", ".csv", ".mcap"
 _FUSED = "fused"
+_PLACE_KNOWN, _HEADING_KNOWN = 2.0, 1.0  # [m], [rad], deviations from which on there is nothing to show
+_MOST_MISSING = 4  # names in the live line
 
 
 class EstimateLog:
     """Writes estimates.csv and estimates.mcap into a folder; a watcher of a node's process.
 
+    What another run left there is kept: then these are estimates-2.csv and estimates-2.mcap, and so on.
     Raises RecordingError when the disk refuses.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.table, self.recording = folder / f"{_NAME}{_TABLE}", folder / f"{_NAME}{_RECORDING}"
+        self.others = 0  # runs that are in the folder already
         self.count = 0
         self._open = ExitStack()
         self._file: IO[str]
@@ -39,16 +44,25 @@ class EstimateLog:
     def __enter__(self) -> Self:
         """Begin."""
         try:
-            self._file = self._open.enter_context(
-                (self.folder / TABLE).open("w", newline="", encoding="utf-8")
-            )
+            self._file = self._open.enter_context(self._free_table())
         except OSError as error:
             raise RecordingError(
-                f"table {self.folder / TABLE}: cannot be written ({error.strerror}); "
-                "name another folder with --out"
+                f"table {self.table}: cannot be written ({error.strerror}); name another folder with --out"
             ) from error
-        self._recorder = self._open.enter_context(DepthRecorder(self.folder / RECORDING))
+        self._recorder = self._open.enter_context(DepthRecorder(self.recording))
         return self
+
+    def _free_table(self) -> IO[str]:
+        """Open the first table that no other run has; the recording of the same name is free too."""
+        while True:
+            if not self.recording.exists():
+                try:
+                    return self.table.open("x", newline="", encoding="utf-8")
+                except FileExistsError:
+                    pass  # of another run, or another node that began just now
+            self.others += 1
+            name = f"{_NAME}-{self.others + 1}"
+            self.table, self.recording = (self.folder / f"{name}{end}" for end in (_TABLE, _RECORDING))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -80,28 +94,40 @@ def pose_measurement(known: StateEstimate) -> PoseMeasurement:
 
 def status_line(now: float, member: Member, begin: float) -> str:
     """Return where the vehicle is, how well that is known, and who is there, in one line."""
-    text = f"{now - begin:8.2f} s  "
-    if now < member.node.filter.oldest:
-        text += "not begun"
-    else:
+    text = "not begun"
+    if now >= member.node.filter.oldest:
         known = member.node.estimate(now)
-        x, y, z, heading = (v + 0.0 for v in np.round([*known.position, math.degrees(known.yaw)], 3).tolist())
-        sd = float(np.sqrt(np.trace(known.P[:3, :3])))
-        near = f"{1e3 * sd:.0f} mm" if sd < 1.0 else f"{sd:.1f} m"
-        text += (
-            f"x {x:+.3f}  y {y:+.3f}  z {z:.3f} m +- {near}  heading "
-            f"{heading:+6.1f} +- {min(180.0, math.degrees(float(known.sd[3]))):.1f} deg"
-        )
-    return f"{text}  | {roll_text(member, begin)}"
+        text = f"{_place_text(known)}  heading {_heading_text(known)}"
+    return f"{now - begin:8.2f} s  {text}  | {roll_text(member, begin)}"
+
+
+def _place_text(known: StateEstimate) -> str:
+    sd = float(np.sqrt(np.trace(known.P[:3, :3])))
+    if sd > _PLACE_KNOWN:
+        return "position unknown"
+    x, y, z = (v + 0.0 for v in np.round(known.position, 3).tolist())
+    near = f"{1e3 * sd:.0f} mm" if sd < 1.0 else f"{sd:.1f} m"
+    return f"x {x:+.3f}  y {y:+.3f}  z {z:.3f} m +- {near}"
+
+
+def _heading_text(known: StateEstimate) -> str:
+    sd = float(known.sd[YAW])
+    if sd > _HEADING_KNOWN:
+        return "unknown"
+    return f"{round(math.degrees(known.yaw), 3) + 0.0:+6.1f} +- {math.degrees(sd):.1f} deg"
 
 
 def roll_text(member: Member, begin: float) -> str:
-    """Return who is there and who is missing since when."""
+    """Return who is there and who is missing since when, those that went last first."""
     there, missing = [], []
     for name, peer in sorted(member.roll.peers.items()):
         if peer.there:
             reason = peer.beat.reason if peer.beat is not None else ""
             there.append(f"{name} ({reason})" if reason else name)
         else:
-            missing.append(f"{name} missing since {peer.since - begin:.1f} s ({peer.why})")
-    return ", ".join([*there, *missing]) or "no other node yet"
+            missing.append((peer.since, f"{name} missing since {peer.since - begin:.1f} s ({peer.why})"))
+    lost = [text for _, text in sorted(missing, reverse=True)]
+    if len(lost) > _MOST_MISSING:
+        lost[_MOST_MISSING:] = [f"{len(lost) - _MOST_MISSING} more missing"]
+    double = [f"another node calls itself {member.name}"] if member.doubled else []
+    return ", ".join([*double, *there, *lost]) or "no other node yet"

@@ -4,7 +4,8 @@ Whenever two nodes meet, each asks the other for all that it knows, and takes it
 knows itself. So a node that was started again, that hung, or that was cut off is told what it missed, and
 nobody has to decide who is right. Of its own, what the other has not heard of yet is put in again; ids keep
 anything from counting twice. A node that has just begun, or that hung, measures nothing until it was told or
-JOINING is over: what it would linearise about a bad guess would mislead the others.
+JOINING is over: what it would linearise about a bad guess would mislead the others. Nor does it before it is
+known that no other node has its name.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections import Counter, deque
 import numpy as np
 
 from noctule.errors import NoctuleError
-from noctule.estimation.contributions import from_bytes, to_bytes
+from noctule.estimation.contributions import Contribution, from_bytes, to_bytes
 from noctule.estimation.delayed import DEFAULTS, DelayedFilter, FilterSettings
 from noctule.estimation.events import Input, Key, Snapshot
 from noctule.estimation.filter_state import StateEstimate
@@ -60,14 +61,18 @@ class Member:
         self.told_after: float | None = None  # [s], from when it last joined until it was told
         self.measured = self.shared = self.assimilated = self.rejoined = 0
         self.reason = ""  # why it measures nothing
+        self.named = True  # nobody else has its name, as far as it knows
+        self.doubled = False  # another node of its name is there
+        self.namesakes = 0  # messages of such a node
         self.malformed: Counter[str] = Counter()  # by kind
         self.why_malformed: dict[str, str] = {}  # the newest reason, by kind
+        self._left_out: Counter[str] = Counter()  # by filters that it had before it joined again
         self._sent: deque[Input] = deque()
         self._heard: deque[Key] = deque(maxlen=_COMMANDS_HEARD)
 
     def joining(self, now: float) -> bool:
-        """Return whether it still waits to be told what the others know."""
-        return now < self.joining_until
+        """Return whether it still waits to be told what the others know, or whether its name is free."""
+        return now < self.joining_until or not self.named
 
     def join(self, now: float) -> None:
         """Note that at `now` [s] its process begins, or goes on after it hung."""
@@ -97,10 +102,15 @@ class Member:
             self.reason = "it joins"
             return None
         contribution = self.node.measure(measurement, now)
-        if contribution is None:
-            return None
+        return None if contribution is None else self._message(contribution)
+
+    def add(self, own: Contribution, now: float) -> bytes | None:
+        """Use a contribution that is no measurement and return what to share; None when it is of no use."""
+        return self._message(own) if self.node.insert(own, now) else None
+
+    def _message(self, own: Contribution) -> bytes:
         self.shared += 1
-        return to_bytes(contribution)
+        return to_bytes(own)
 
     def command(self, sent: Input, now: float) -> bytes:
         """Note a command that was sent to the vehicle; return the message of the last second's."""
@@ -115,7 +125,13 @@ class Member:
         return snapshot_to_bytes(self.node.filter.snapshot())
 
     def take(self, kind: Kind, peer: str, data: bytes, now: float) -> bool:
-        """Make use of a message; return whether it was of any. What is none is counted, it never raises."""
+        """Make use of a message; return whether it was of any.
+
+        What is none is counted, and so is what another node of its own name says; it never raises.
+        """
+        if peer == self.name:
+            self.namesakes += 1
+            return False
         try:
             return self._take(kind, peer, data, now)
         except _NO_MESSAGE as error:
@@ -165,6 +181,7 @@ class Member:
         for event in own.snapshot().events:
             self.node.filter.insert(event, now)
         self.node.filter.dropped = Counter(own.dropped)  # what was put in again does not count
+        self._left_out += own.refusals - self.node.filter.refusals
         if self.joining(now):
             self.joining_until, self.told_after = now, now - self._joins
         self.rejoined += 1
@@ -180,10 +197,11 @@ class Member:
             "assimilated": self.assimilated,
             "rejoined": self.rejoined,
             "told_after_s": self.told_after,
-            "refused": dict(self.node.refusals),
+            "refused": dict(self.node.refusals + self.node.filter.refusals + self._left_out),
             "dropped": dict(self.node.filter.dropped),
             "malformed": dict(self.malformed),
             "why_malformed": dict(self.why_malformed),
+            "namesakes": self.namesakes,
             "there": list(self.roll.there),
             "losses": self.roll.losses,
         }

@@ -20,6 +20,7 @@ from noctule.localization.tracker import Prediction
 
 TICK = 1.0 / 30.0  # [s]
 _ANSWERED = 0.05  # [s], a frame does not wait longer for its prediction
+_MET = 0.5  # [s], the nodes that are there have been met by then, and one of the same name is known
 _NAMED = 2e-3 * LEASE_MS  # [s], what was killed and has the same name is forgotten by then
 _BEHIND = 64  # messages in a row before the loop looks at the time again
 
@@ -63,14 +64,16 @@ def run_node(
 ) -> None:
     """Run a node until `stop`, `until` [s] on its clock, or the end of its readings.
 
-    `wire` is open. `senses` makes measurements of what sensors say; left out, nothing is taken off. Raises
-    what the readings raise; the other nodes go on.
+    It shares nothing before it has met those that are there and none of them has its name. `wire` is open.
+    `senses` makes measurements of what sensors say; left out, nothing is taken off. Raises what the readings
+    raise; the other nodes go on.
     """
     senses = senses or Senses(member.name)
     if readings is not None:
         arguments = (readings, wire.inbox, stop)
         threading.Thread(target=_feed, args=arguments, name="noctule-sensor", daemon=True).start()
     turn = beat_at = tick_at = begin = clock()
+    member.named = False
     member.join(turn)
     wire.ask()
     while not stop.is_set():
@@ -81,11 +84,15 @@ def run_node(
         turn = now
         if until is not None and now >= until:
             return
+        if not member.named:
+            member.named = now - begin >= _MET and not wire.namesakes
         if now >= beat_at:
-            wire.share(Kind.BEAT, beat_to_bytes(member.beat(now)))
+            if member.named:
+                wire.share(Kind.BEAT, beat_to_bytes(member.beat(now)))
             beat_at = max(beat_at + BEAT_EVERY, now)
         if now >= tick_at:
             member.roll.check(now)
+            member.doubled = bool(wire.namesakes or wire.younger)
             if now - begin > _NAMED:
                 wire.require_own_name()
             for watch in watchers:
@@ -138,11 +145,16 @@ def _handle(
     elif isinstance(item, Question):
         item.answer.set_result(member.prediction(item.stamp))
     elif isinstance(item, Input):
-        wire.share(Kind.COMMANDS, member.command(item, now))
+        message = member.command(item, now)
+        if member.named:
+            wire.share(Kind.COMMANDS, message)
     elif isinstance(item, Nothing):
         member.reason = item.reason
     elif item.kind is Kind.ASKED:
-        wire.answer(item, member.snapshot())
+        if member.named:
+            wire.answer(item, member.snapshot())
+        else:
+            wire.decline(item)
     elif not is_name(item.peer):
         member.malformed["name"] += 1
     elif item.kind is Kind.ALIVE:

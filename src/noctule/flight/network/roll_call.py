@@ -15,6 +15,7 @@ from noctule.estimation.framing import MessageError, seal, unseal
 
 BEAT_EVERY = 0.1  # [s]
 SILENT = 1.0  # [s] without a heartbeat, and a node is missing
+FORGOTTEN = 60.0  # [s] that it is missing, and it is no longer told
 _MAGIC = b"NOCB"
 _HEAD = struct.Struct("<dQ")
 _MOST_TEXT = 160  # bytes
@@ -84,10 +85,12 @@ class RollCall:
             self._missing(name, min(now, peer.heard), "its connection ended")
 
     def check(self, now: float) -> None:
-        """Find those whose heartbeat has stopped."""
-        for name, peer in self.peers.items():
+        """Find those whose heartbeat has stopped, and forget those that are long gone."""
+        for name, peer in list(self.peers.items()):
             if peer.there and now - peer.heard > SILENT:
                 self._missing(name, peer.heard, "it hangs")
+            if not peer.there and now - peer.since > FORGOTTEN:
+                del self.peers[name]
 
     @property
     def there(self) -> tuple[str, ...]:
@@ -98,7 +101,10 @@ class RollCall:
         peer = self.peers.get(name)
         if peer is None:
             if len(self.peers) >= _MOST_PEERS:
-                return None
+                gone = [other for other, known in self.peers.items() if not known.there]
+                if not gone:
+                    return None
+                del self.peers[min(gone, key=lambda other: self.peers[other].since)]
             peer = self.peers[name] = Peer(now, True, now)
         if not peer.there:
             peer.there, peer.since, peer.why = True, now, ""

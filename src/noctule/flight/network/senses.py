@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from noctule.estimation.contributions import half_turned, to_bytes
+from noctule.estimation.contributions import half_turned
 from noctule.estimation.filter_state import YAW, StateEstimate, heading_bias_index
 from noctule.estimation.measurements import Component, Measurement, of_heading, of_pose, of_vehicle_state
 from noctule.estimation.sensors import Sensors
@@ -84,11 +84,11 @@ class Senses:
             return []
         shared = _shared(member.measure(measured, now))
         known = member.known(told.stamp)
-        if _knows_yaw(known) and self._vehicle.contradicted(told, known):
+        if not member.joining(now) and _knows_yaw(known) and self._vehicle.contradicted(told, known):
             # From now on: what was exposed before is still to come, and is faced as it was then.
             parts = half_turned(member.known(now), self._name, self._next())
             self._count += len(parts)
-            shared += [to_bytes(part) for part in parts if member.node.receive(part, now)]
+            shared += [message for part in parts for message in _shared(member.add(part, now))]
         return shared
 
     def _sight(self, sight: Sight, member: Member, now: float) -> Measurement:

@@ -83,7 +83,9 @@ class Wire:
         self.endpoints = endpoints
         self.inbox: queue.Queue[Any] = queue.Queue(_INBOX)  # of Received, and of what the node itself puts
         self.overruns = 0  # messages that found the queue full
-        self.namesakes: set[str] = set()  # when nodes of the same name that are there began, before this one
+        # When nodes of the same name that are there began, before this one and after it.
+        self.namesakes: set[str] = set()
+        self.younger: set[str] = set()
         self._born = f"{time.time_ns():020d}"
         self._lock = threading.Lock()
         self._session: zenoh.Session | None = None
@@ -149,6 +151,10 @@ class Wire:
         finally:
             received.query.drop()
 
+    def decline(self, received: Received) -> None:
+        """Let one who asked know that nothing is answered."""
+        received.query.drop()
+
     def _put(self, received: Received) -> None:
         try:
             self.inbox.put_nowait(received)
@@ -164,10 +170,9 @@ class Wire:
         _, born, name = str(sample.key_expr).rsplit("/", 2)
         if name != self.name:
             self._put(Received(Kind.ALIVE if there else Kind.GONE, name))
-        elif not there:
-            self.namesakes.discard(born)
-        elif born < self._born:
-            self.namesakes.add(born)
+        elif born != self._born:
+            others = self.namesakes if born < self._born else self.younger
+            (others.add if there else others.discard)(born)
 
     def require_own_name(self) -> None:
         """Raise NameTakenError while another node that began before has the same name."""
