@@ -15,6 +15,7 @@ from noctule.estimation.identification import (
     identify,
     published,
 )
+from noctule.estimation.identification.output_error import CLOSEST, CLOSEST_DELAY
 from noctule.estimation.identification.response import response
 from noctule.estimation.vehicle_model import TABLE_1, VehicleModel, transition
 
@@ -156,12 +157,14 @@ def made(**changes):
             "both, at least 2 inputs and 20 velocities",
         ),
         (
-            {"stamps": np.zeros(30)},
-            "identification of left: expected finite numbers with stamps that increase",
+            {"stamps": np.append(np.arange(29.0), 2.5)},
+            "identification of left: stamps of measurements do not increase, 2.5 s follows 28 s at number 29"
+            "; expected each later than the one before: put them in order",
         ),
         (
-            {"velocities": np.full(30, np.nan)},
-            "identification of left: expected finite numbers with stamps that increase",
+            {"velocities": np.append(np.zeros(28), [np.nan, np.inf])},
+            "identification of left: 2 of 30 measurements are not finite, the first is nan at number 28; "
+            "expected finite numbers: leave them out",
         ),
         (
             {"inputs": np.full(30, 0.2)},
@@ -176,10 +179,14 @@ def test_a_flight_that_says_nothing_is_refused(changes, message):
     assert str(told.value) == message
 
 
-def test_no_axes_are_refused():
+@pytest.mark.parametrize("method", [identify, published])
+def test_no_axes_are_refused(method):
     with pytest.raises(IdentificationError) as told:
-        identify([])
-    assert str(told.value) == "identification: no axis was flown; expected at least one"
+        method([])
+    assert str(told.value) == (
+        "identification: no flight moves an axis; expected at least one whose inputs vary: "
+        "fly the deformed sinusoid on each axis"
+    )
 
 
 def test_an_unknown_axis_is_refused():
@@ -266,6 +273,27 @@ def test_gusts_widen_the_deviations_to_what_they_are():
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.5
 
 
-def test_neither_method_identifies_nothing():
-    with pytest.raises(IdentificationError, match="identification: no axis was flown; expected at least one"):
-        published([])
+def test_reports_that_are_stamped_early_are_refused_and_a_delay_of_0_is_none():
+    early = [replace(flight, stamps=flight.stamps - 0.2) for flight in flown(0.02)]
+    with pytest.raises(IdentificationError) as told:
+        identify(early).model()
+    text = str(told.value)
+    assert text.startswith("identification: the delay is -13")
+    assert text.endswith(
+        " ms, the vehicle answers before it is asked; expected 0 or more: the stamps of reports are early, "
+        "or those of commands late; stamp both by one clock, reports when they were measured"
+    )
+    found = identify(flown(0.0))
+    # Within 5 ms or 3 deviations of 0 it is 0.
+    assert replace(found, delay=-0.0049, delay_sd=0.0).model().delay == 0.0
+    assert replace(found, delay=-0.029, delay_sd=0.01).model().delay == 0.0
+    for delay, sd in ((-0.0051, 0.0), (-0.031, 0.01)):
+        with pytest.raises(IdentificationError, match="before it is asked"):
+            replace(found, delay=delay, delay_sd=sd).model()
+
+
+def test_no_deviation_is_less_than_a_vehicle_can_be_known():
+    found = identify(flown(0.0))
+    assert (found.sd >= CLOSEST * found.k).all()
+    assert (found.sd < 1e-4 * found.k).all()
+    assert found.delay_sd >= CLOSEST_DELAY

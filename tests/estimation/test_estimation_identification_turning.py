@@ -37,21 +37,20 @@ SENT = np.arange(0.0, 82.0, 1.0 / 30.0)
 MEASURED = SENT + 0.004
 
 
-def whole(inputs, noise=0.0, seed=0, yaw_rates=False, drift=0.0, measured=MEASURED):
+def whole(inputs, noise=0.0, seed=0, heading=0.0, drift=0.0, measured=MEASURED):
     """Fly eq. (2) with Table 1, the heading being that of the yaw axis."""
     rng = np.random.default_rng(seed)
-    rate, _, yaw, _ = response(TRUE[6], TRUE[7], MODEL.delay, 0.0, SENT, inputs[:, 3], measured)
+    _, _, yaw, _ = response(TRUE[6], TRUE[7], MODEL.delay, 0.0, SENT, inputs[:, 3], measured)
     v, _ = plane_response(TRUE[:4], MODEL.delay, np.zeros(2), SENT, inputs[:, :2], measured, yaw)
     up = response(TRUE[4], TRUE[5], MODEL.delay, 0.0, SENT, inputs[:, 2], measured)[0]
     velocities = np.column_stack([v.T, up])
-    rates = rate + noise * rng.standard_normal(rate.size) if yaw_rates else None
+    said = yaw + heading * rng.standard_normal(yaw.size)
     return WholeFlight(
         SENT,
         inputs,
         measured,
         velocities + noise * rng.standard_normal(velocities.shape),
-        yaw + 0.7 + drift * measured,
-        rates,
+        said + 0.7 + drift * measured,
     )
 
 
@@ -185,7 +184,7 @@ def test_a_yaw_that_is_reported_late_does_not_spoil_the_other_axes():
 
 
 def test_the_bound_knows_what_was_not_moved_and_what_is_known_beforehand():
-    flights = whole(validation_inputs(SENT), yaw_rates=True).parts()
+    flights = whole(validation_inputs(SENT)).parts()
     bound, delay = cramer_rao(MODEL, flights, 0.1)
     known, delay_known = cramer_rao(MODEL, flights, 0.1, own_known=True)
     assert (known <= bound * (1.0 + 1e-9)).all()
@@ -213,7 +212,7 @@ def test_a_perfect_model_foretells_a_flight_on_all_axes():
 
 
 def test_a_wrong_model_and_noise_cost_fit():
-    flight = whole(validation_inputs(SENT), 0.1, yaw_rates=True)
+    flight = whole(validation_inputs(SENT), 0.1, heading=0.05)
     noisy = validate(EXACT, flight).fit
     wrong = Identification(tuple(AxisFit(name, 1.0, 1.0, 0, 0, 0) for name in AXES), 0.0, 0.0)
     assert (noisy < 0.9).all()
@@ -257,11 +256,14 @@ def test_an_excitation_out_of_range_is_refused():
         Excitation(height=1.2, period=5.0)
 
 
-def test_white_residuals_need_no_widening_and_correlated_ones_get_it():
+def test_white_residuals_are_taken_as_they_are_and_correlated_ones_are_not():
     rng = np.random.default_rng(0)
     W = np.column_stack([np.sin(np.arange(3000) / 20.0), np.ones(3000)])
     white = rng.standard_normal(3000)
     assert deviations(W, white, [3000]) == pytest.approx(np.sqrt(np.diag(np.linalg.inv(W.T @ W))))
+    # Neighbours that are opposed cancel in what varies slowly.
+    opposed = np.diff(rng.standard_normal(3001)) / np.sqrt(2.0)
+    assert (deviations(W, opposed, [3000]) < 0.3 * deviations(W, white, [3000])).all()
     smooth = np.convolve(rng.standard_normal(3019), np.ones(20) / np.sqrt(20.0), "valid")
     # White noise smoothed over 20 samples adds up as slowly varying noise of 20 times the density.
     widened = deviations(W, smooth, [3000]) / deviations(W, white, [3000])

@@ -2,12 +2,13 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from noctule.campaign.measure import together
-from noctule.estimation.identification import AXES
+from noctule.estimation.identification import AXES, cramer_rao, identify
 from noctule.estimation.vehicle_model import TABLE_1
 from noctule.experiments.loc_identification import (
     DELAY,
@@ -17,6 +18,7 @@ from noctule.experiments.loc_identification import (
     TRUE,
     FlownVehicle,
     IdentificationOptions,
+    axis_flights,
     axis_inputs,
     figures_of,
     fly_inputs,
@@ -44,10 +46,8 @@ def noisy(silent):
     flights = []
     for flight in (silent.flown.axes, silent.flown.validation):
         v = flight.velocities + NOISE * rng.standard_normal(flight.velocities.shape)
-        rates = flight.yaw_rates + NOISE * rng.standard_normal(flight.yaw_rates.size)
-        flights.append(
-            type(flight)(flight.command_stamps, flight.inputs, flight.stamps, v, flight.yaw, rates)
-        )
+        yaw = flight.yaw + np.cumsum(NOISE / RATE * rng.standard_normal(flight.yaw.size))
+        flights.append(replace(flight, velocities=v, yaw=yaw))
     return identify_flown(FlownVehicle(*flights), NOISE)
 
 
@@ -77,6 +77,7 @@ def test_the_flight_of_an_axis_is_its_82_seconds(silent):
     flights = silent.flown.axis_flights()
     assert [flight.axis for flight in flights] == list(AXES)
     assert [flight.stamps.size for flight in flights] == [82 * 30] * 4
+    assert [flight.means for flight in flights] == [False, False, False, True]
     assert all(abs(flight.velocities[0]) < 0.02 < np.abs(flight.velocities).max() for flight in flights)
 
 
@@ -130,7 +131,7 @@ def test_the_same_seed_measures_the_same_bit_for_bit_and_another_does_not():
     inputs = axis_inputs()[:600]
     first, again, other = (fly_inputs(seed, inputs, 0.05) for seed in (1, 1, 2))
     assert (first.velocities == again.velocities).all()
-    assert (first.yaw_rates == again.yaw_rates).all()
+    assert (first.yaw == again.yaw).all()
     assert (first.velocities != other.velocities).any()
 
 
@@ -143,6 +144,54 @@ def test_recordings_hold_what_was_sent_in_commands_and_say_what_an_input_of_1_is
     assert flight.inputs == pytest.approx(inputs, abs=1e-12)
     assert (flight.stamps == flown.stamps).all()
     assert (flight.velocities == flown.velocities).all()
+    assert flight.yaw == pytest.approx(flown.yaw, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def read(silent, tmp_path_factory):
+    """Flights as recordings have them: without noise, and with 0.06 m/s and rad/s of it as the experiment."""
+    folder = tmp_path_factory.mktemp("read")
+    found = {}
+    for noise in (0.0, 0.06):
+        flown = fly_inputs(0, axis_inputs(), noise, folder / f"{noise}.mcap")
+        (flight,) = model_flights(read_recording(folder / f"{noise}.mcap")).flights
+        found[noise] = (flown, flight)
+    return found
+
+
+def test_a_recording_is_identified_as_the_experiment_has_it(read):
+    flown, flight = read[0.06]
+    experiment, recording = identify(axis_flights(flown)), identify(flight.parts())
+    # Of the recording the seconds between two axes are used too.
+    assert recording.sd == pytest.approx(experiment.sd, rel=0.12)
+    assert (np.abs(recording.k - experiment.k) < experiment.sd).all()
+    assert (np.abs(recording.k - np.array(TABLE_1)) < 3.0 * recording.sd).all()
+    assert recording.delay == pytest.approx(experiment.delay, abs=experiment.delay_sd)
+
+
+@pytest.mark.parametrize("heading", [0.0035, 0.0175, 0.035])
+def test_over_draws_of_the_heading_s_noise_a_recording_s_deviations_are_its_errors(read, heading):
+    _, flight = read[0.0]
+    errors, sds = [], []
+    for draw in range(10):
+        noise = heading * np.random.default_rng(draw).standard_normal(flight.yaw.size)
+        turning = replace(flight, yaw=flight.yaw + noise).yaw_flight()
+        found = identify([turning])
+        bound, _ = cramer_rao(TRUE, [turning], 1.0, heading=heading)
+        assert (found.sd <= 1.3 * bound[6:]).all()
+        errors.append(found.k - np.array(TABLE_1)[6:])
+        sds.append(found.sd)
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(sds, axis=0)
+    # The rms of ten normal numbers is within 0.5 and 1.6 of theirs but for once in some hundred.
+    assert ((ratio > 0.5) & (ratio < 1.6)).all()
+    assert (np.abs(errors) < 3.3 * np.array(sds)).all()
+
+
+def test_without_noise_a_recording_is_exact_to_a_hundred_thousandth_and_says_so(read):
+    found = identify(read[0.0][1].parts())
+    assert found.k == pytest.approx(np.array(TABLE_1), rel=1e-5)
+    assert (np.abs(found.k - np.array(TABLE_1)) <= 3.0 * found.sd).all()
+    assert abs(found.delay - DELAY) <= 3.0 * found.delay_sd
 
 
 def test_gusts_move_the_vehicle():

@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from noctule.estimation.identification import (
 from noctule.estimation.identification.excitation import SECONDS
 from noctule.estimation.vehicle_model import TABLE_1, VehicleModel
 from noctule.flight.recording import FlightRecorder, sent_message
-from noctule.geometry import Array, Pose
+from noctule.geometry import Array, Pose, wrap_angle
 from noctule.messages import Command
 from noctule.settings import Settings
 from noctule.simulation import LimitsSpec, VehicleSpec
@@ -48,6 +48,7 @@ PAUSE = 5.0  # [s], hovering between two axes
 TRUE = VehicleModel.identified(TABLE_1, DELAY)
 FULL_SCALE = TRUE.input_gains / TRUE.drags  # (4,) [m/s, rad/s], the command that is input 1
 _NO_LOOP = 5.0  # [s], a lag so long that the drag alone is quicker: the onboard loop adds nothing
+_SIMPSON = np.array([1.0, 4.0, 2.0, 4.0, 2.0, 4.0, 2.0, 4.0, 2.0, 4.0, 1.0]) / 3.0  # over a tick of ten steps
 _HEIGHT = 1.2  # [m]
 _VALID = 0.25  # [s]
 
@@ -67,7 +68,7 @@ class FlownVehicle:
 
     def axis_flights(self) -> list[AxisFlight]:
         """Return the 82 s of each axis, by itself."""
-        return [_window(self.axes, a) for a in range(4)]
+        return axis_flights(self.axes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +120,8 @@ def fly_inputs(
 ) -> WholeFlight:
     """Send normalised inputs (m, 4), one row a tick, to the simulated vehicle; return what was measured.
 
-    The yaw rate, which vehicles do not report, is measured with the same `noise`. Nothing else than commands
-    and reports goes into `recording`. Raises RecordingError.
+    The heading is what a gyro of the same `noise`, a mean rate over each tick, adds up to; it is in the
+    reports, and nothing else than commands and reports goes into `recording`. Raises RecordingError.
     """
     air, reports, gyro = np.random.SeedSequence([seed, 62]).spawn(3)
     rng = np.random.default_rng(gyro)
@@ -128,25 +129,29 @@ def fly_inputs(
     aircraft = Aircraft(table_1_spec(noise, gusts), start, True, (air, reports))
     vehicle = SimulatedVehicle(aircraft, connected=True)
     m = inputs.shape[0]
-    stamps, velocities, yaw, rates = np.empty(m), np.empty((m, 3)), np.empty(m), np.empty(m)
+    stamps, velocities, yaw = np.empty(m), np.empty((m, 3)), np.zeros(m)
     with ExitStack() as stack:
         recorder = None if recording is None else stack.enter_context(FlightRecorder(recording))
         if recorder is not None:
             recorder.note("inputs", {"full_scale": json.dumps(FULL_SCALE.tolist())})
         for k in range(m):
+            rates = [aircraft.motion.yaw_rate]
             while aircraft.steps * RATE < k * STEPS_PER_SECOND:
                 aircraft.step()
-            state, now = vehicle.state(), aircraft.now
+                rates.append(aircraft.motion.yaw_rate)
+            if k:
+                # By Simpson's rule: the simulator's own heading is Euler's sum of the rates.
+                turn = STEP * float(_SIMPSON @ rates)
+                yaw[k] = yaw[k - 1] + turn + noise / RATE * rng.standard_normal()
+            state, now = replace(vehicle.state(), yaw=wrap_angle(float(yaw[k]))), aircraft.now
             assert state.v_body is not None
-            assert state.yaw is not None
             asked = Command.from_array(inputs[k] * FULL_SCALE)
             sent = vehicle.send(asked, _VALID)
             if recorder is not None:
                 message = sent_message(now, asked, sent, "flying", "send", "")
                 recorder.tick(now, state, None, (), None, message)
-            stamps[k], velocities[k], yaw[k] = state.stamp, state.v_body, state.yaw
-            rates[k] = aircraft.motion.yaw_rate + noise * rng.standard_normal()
-    return WholeFlight(stamps.copy(), inputs, stamps, velocities, np.unwrap(yaw), rates)
+            stamps[k], velocities[k] = state.stamp, state.v_body
+    return WholeFlight(stamps.copy(), inputs, stamps, velocities, yaw)
 
 
 def fly_vehicle(seed: int, noise: float, out: Path | None = None, gusts: float = 0.0) -> FlownVehicle:
@@ -195,12 +200,25 @@ def _figures(found: Identification, bound: Array, delay_bound: float | None) -> 
     return figures
 
 
+def axis_flights(flight: WholeFlight) -> list[AxisFlight]:
+    """Return the 82 s of each axis of a flight of `axis_inputs`."""
+    return [_window(flight, a) for a in range(4)]
+
+
 def _window(flight: WholeFlight, axis: int) -> AxisFlight:
     """Return the 82 s in which an axis was moved."""
     begin = PAUSE + axis * (SECONDS + PAUSE)
     first, last = math.floor(begin * RATE), math.floor((begin + SECONDS) * RATE)
     rows = slice(first, last)
-    measured = flight.velocities[:, axis] if axis < 3 else flight.yaw_rates
-    assert measured is not None
-    sent, stamps = flight.command_stamps[rows], flight.stamps[rows]
-    return AxisFlight(sent, flight.inputs[rows, axis], stamps, measured[rows], AXES[axis])
+    part = WholeFlight(
+        flight.command_stamps[rows],
+        flight.inputs[rows],
+        flight.stamps[rows],
+        flight.velocities[rows],
+        flight.yaw[rows],
+    )
+    if axis == 3:
+        return part.yaw_flight()
+    return AxisFlight(
+        part.command_stamps, part.inputs[:, axis], part.stamps, part.velocities[:, axis], AXES[axis]
+    )

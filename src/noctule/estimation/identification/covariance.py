@@ -9,7 +9,7 @@ import numpy as np
 from noctule.geometry import Array
 
 CORRELATED = 0.15
-"""Correlation of neighbouring residuals above which they are not taken for white noise."""
+"""Correlation of neighbouring residuals, either way, above which they are not taken for white noise."""
 _NOTHING = 1e-14
 _LAGS = 90  # residuals farther apart than this are taken for independent: gusts last less than 3 s at 30 Hz
 
@@ -25,25 +25,18 @@ def deviations(W: Array, residuals: Array, sizes: Sequence[int]) -> Array:
 
     `W` (n, p) and `residuals` (n,) are in units of the noise; `sizes` are the lengths of the stretches, one
     for each measured axis, that follow each other in them. For white noise it is (W' W)^-1. Residuals that
-    are correlated (gusts move a vehicle, and it keeps moving) hold less than their number says: then Newey
-    and West's covariance is taken where it is the larger one.
+    are correlated hold less than their number says (gusts move a vehicle, and it keeps moving) or, when
+    neighbours are opposed, more: of these Newey and West's covariance is taken.
     """
     bread = inverse(W.T @ W)
-    variances = np.maximum(np.diag(bread), 0.0)
     meat = np.zeros(bread.shape)
-    white = True
     begin = 0
     for size in sizes:
         part, r = W[begin : begin + size], residuals[begin : begin + size]
         begin += size
-        if correlation(r) < CORRELATED:
-            meat += part.T @ part
-        else:
-            white = False
-            meat += long_run(part * r[:, None])
-    if white:
-        return np.asarray(np.sqrt(variances))
-    return np.asarray(np.sqrt(np.maximum(variances, np.diag(bread @ meat @ bread))))
+        white = abs(correlation(r)) < CORRELATED
+        meat += part.T @ part if white else long_run(part * r[:, None])
+    return np.asarray(np.sqrt(np.maximum(np.diag(bread @ meat @ bread), 0.0)))
 
 
 def inverse(A: Array) -> Array:

@@ -10,6 +10,10 @@ from noctule.errors import NoctuleError
 from noctule.geometry import Array
 
 AXES = ("forward", "left", "up", "yaw")
+NOTHING_FLOWN = (
+    "identification: no flight moves an axis; expected at least one whose inputs vary: "
+    "fly the deformed sinusoid on each axis"
+)
 _FEWEST_INPUTS, _FEWEST_VELOCITIES = 2, 20
 
 
@@ -80,7 +84,6 @@ class WholeFlight:
     stamps: Array  # (n,) [s]
     velocities: Array  # (n, 3) [m/s], forward, left, up, on the levelled heading frame
     yaw: Array  # (n,) [rad], unwrapped; its drift does no harm
-    yaw_rates: Array | None = None  # (n,) [rad/s]; None: the means between two yaws
 
     def __post_init__(self) -> None:
         """Refuse what does not fit together."""
@@ -94,10 +97,9 @@ class WholeFlight:
         return tuple(bool(np.ptp(self.inputs[:, a]) > 0.0) for a in range(4))
 
     def yaw_flight(self) -> AxisFlight:
-        """Return the yaw axis."""
-        means = self.yaw_rates is None
-        rates = np.diff(self.yaw) / np.diff(self.stamps) if self.yaw_rates is None else self.yaw_rates
-        return AxisFlight(self.command_stamps, self.inputs[:, 3], self.stamps, rates, "yaw", means)
+        """Return the yaw axis: its mean rates between two reports."""
+        rates = np.diff(self.yaw) / np.diff(self.stamps)
+        return AxisFlight(self.command_stamps, self.inputs[:, 3], self.stamps, rates, "yaw", means=True)
 
     def up_flight(self) -> AxisFlight:
         """Return the vertical axis."""
@@ -165,8 +167,18 @@ def _check_sizes(axis: str, sent: Array, inputs: Array, stamps: Array, measured:
 
 
 def _check_numbers(axis: str, sent: Array, inputs: Array, stamps: Array, *measured: Array) -> None:
-    finite = all(np.isfinite(a).all() for a in (inputs, *measured))
-    if not (finite and (np.diff(stamps) > 0.0).all() and (np.diff(sent) > 0.0).all()):
-        raise IdentificationError(
-            f"identification of {axis}: expected finite numbers with stamps that increase"
-        )
+    for what, values in (("inputs", inputs), *(("measurements", one) for one in measured)):
+        rows = np.flatnonzero(~np.isfinite(values.reshape(values.shape[0], -1)).all(axis=1))
+        if rows.size:
+            raise IdentificationError(
+                f"identification of {axis}: {rows.size} of {values.shape[0]} {what} are not finite, the "
+                f"first is {values[rows[0]]} at number {rows[0]}; expected finite numbers: leave them out"
+            )
+    for what, times in (("inputs", sent), ("measurements", stamps)):
+        back = np.flatnonzero(~(np.diff(times) > 0.0))
+        if back.size:
+            raise IdentificationError(
+                f"identification of {axis}: stamps of {what} do not increase, {times[back[0] + 1]:g} s "
+                f"follows {times[back[0]]:g} s at number {back[0] + 1}; expected each later than the one "
+                "before: put them in order"
+            )

@@ -15,6 +15,7 @@ import numpy as np
 from noctule.estimation.identification.covariance import correlation, deviations
 from noctule.estimation.identification.flights import (
     AXES,
+    NOTHING_FLOWN,
     AxisFlight,
     Flight,
     IdentificationError,
@@ -22,6 +23,7 @@ from noctule.estimation.identification.flights import (
     channels,
     moved_axes,
 )
+from noctule.estimation.identification.noise import Noise, noises_of, unit_noises, whitened
 from noctule.estimation.identification.response import plane_response, response
 from noctule.estimation.identification.result import AxisFit, Identification
 from noctule.geometry import Array
@@ -30,8 +32,9 @@ SHARED = 9
 """Parameters that flights have in common: the delay, then k1 to k8."""
 _DELAYS = (0.0, 0.2, 0.4)  # [s], where searches begin
 _LONGEST_DELAY = 1.0  # [s]
-_FINEST = 1e-6  # of the largest velocity: no sensor is taken for better
 _LEAST_DRAG = -0.5  # [1/s], below lies no vehicle
+CLOSEST = 1e-5  # of k1 to k8: no vehicle is held to follow eq. (2) better, nor to be known so
+CLOSEST_DELAY = 1e-5  # [s]
 
 
 def own_parameters(flight: Flight) -> int:
@@ -115,24 +118,27 @@ def identify(flights: Sequence[Flight]) -> Identification:
 
     Beside k_u, k_v and the delay each axis of a flight has the velocity at its beginning and a constant bias
     of the sensor as unknowns, so neither ends up in the drag. Deviations are those of the estimate's
-    covariance (J' W J)^-1, each axis weighed by its own noise, which its residuals tell; for white noise that
-    is the Cramer-Rao bound at the estimate. For residuals that are not white see `covariance`.
+    covariance (J' W J)^-1, each axis weighed by its own noise, which its residuals tell (`noise`); for white
+    noise, of velocities or of the heading, that is the Cramer-Rao bound at the estimate. For residuals that
+    are not white even so see `covariance`. No deviation is less than CLOSEST of its parameter.
     """
     if not flights:
-        raise IdentificationError("identification: no axis was flown; expected at least one")
+        raise IdentificationError(NOTHING_FLOWN)
     alone = [_best_alone(flight) for flight in flights]
     start = _start(flights, alone)
-    sds = [sd for p, f in zip(alone, flights, strict=True) for sd in _noises(p, [f])]
+    noises = [noise for p, flight in zip(alone, flights, strict=True) for noise in _noises(p, [flight])]
     best, chosen = start, active(flights)
     for _ in range(2):  # what one flight alone cannot tell of its noise, all of them can
-        best, _least = _least_squares(best, flights, chosen, _weights(flights, sds))
-        sds = _noises(best, flights)
+        best, _least = _least_squares(best, flights, chosen, noises)
+        noises = _noises(best, flights)
     r, J = residuals(best, flights)
-    weights = _weights(flights, sds)
+    left = whitened(flights, noises, r[:, None])[:, 0]
     sizes = [row.size for flight in flights for row in channels(flight)]
     sd = np.full(best.size, math.nan)
-    sd[chosen] = deviations(J[:, chosen] * weights[:, None], r * weights, sizes)
-    fits = tuple(_fit(a, best, sd, flights) for a in range(4) if 1 + 2 * a in chosen)
+    sd[chosen] = deviations(whitened(flights, noises, J[:, chosen]), left, sizes)
+    sd[0] = math.hypot(sd[0], CLOSEST_DELAY)
+    sd[1:SHARED] = np.hypot(sd[1:SHARED], CLOSEST * best[1:SHARED])
+    fits = tuple(_fit(a, best, sd, flights, r, left) for a in range(4) if 1 + 2 * a in chosen)
     return Identification(fits, float(best[0]), float(sd[0]))
 
 
@@ -156,11 +162,10 @@ def _best_alone(flight: Flight) -> Array:
     chosen, own = active([flight]), np.zeros(own_parameters(flight))
     first = channels(flight)[:, 0]
     own[: first.size] = first
-    weights = np.ones(channels(flight).size)
     best, least = None, math.inf
     for delay in _DELAYS:
         start = np.concatenate([[delay], np.ones(SHARED - 1), own])
-        p, cost = _least_squares(start, [flight], chosen, weights, 60)
+        p, cost = _least_squares(start, [flight], chosen, unit_noises(flight), 60)
         if cost < least:
             best, least = p, cost
     if best is None:
@@ -172,44 +177,46 @@ def _best_alone(flight: Flight) -> Array:
 
 
 def _least_squares(
-    start: Array, flights: Sequence[Flight], chosen: Array, weights: Array, iterations: int = 200
+    start: Array, flights: Sequence[Flight], chosen: Array, noises: Sequence[Noise], iterations: int = 200
 ) -> tuple[Array, float]:
     """Return the parameters of least weighted squares near `start`, and the sum, by Levenberg-Marquardt."""
     p, damping = start, 1e-3
-    r, J = residuals(p, flights)
-    cost = float(np.sum((weights * r) ** 2))
+    products = _products(p, flights, chosen, noises)
     for _ in range(iterations):
-        W = J[:, chosen] * weights[:, None]
-        A, b = W.T @ W, W.T @ (weights * r)
+        A, b = products[1:, 1:], products[1:, 0]
         step = np.zeros(p.size)
         step[chosen] = np.linalg.solve(A + damping * np.diag(np.diag(A) + 1e-12), -b)
         tried = p + step
         valid = abs(tried[0]) < _LONGEST_DELAY and bool((tried[2:SHARED:2] > _LEAST_DRAG).all())
-        r1, J1 = residuals(tried, flights) if valid else (r, J)
-        cost1 = float(np.sum((weights * r1) ** 2)) if valid else math.inf
         small = bool(np.all(np.abs(step) <= 1e-12 * (1e-3 + np.abs(p))))
-        if cost1 < cost:
-            p, r, J, cost, damping = tried, r1, J1, cost1, max(1e-12, damping / 10.0)
+        found = _products(tried, flights, chosen, noises) if valid else products
+        if found[0, 0] < products[0, 0]:
+            p, products, damping = tried, found, max(1e-12, damping / 10.0)
         else:
             damping *= 10.0
         if small or damping > 1e12:
             break
-    return p, cost
+    return p, float(products[0, 0])
 
 
-def _noises(p: Array, flights: Sequence[Flight]) -> list[float]:
+def _products(p: Array, flights: Sequence[Flight], chosen: Array, noises: Sequence[Noise]) -> Array:
+    """Return the products of all columns with each other: residuals first, then derivatives, whitened.
+
+    The first is the sum of squares, the rest of its row the gradient, what is left the normal matrix.
+    """
+    r, J = residuals(p, flights)
+    white = whitened(flights, noises, np.column_stack([r, J[:, chosen]]))
+    return np.asarray(white.T @ white)
+
+
+def _noises(p: Array, flights: Sequence[Flight]) -> list[Noise]:
     """Return the noise of each measured axis of each flight, what was fitted to it taken into account."""
     shared = max(1, active(flights).size - sum(own_parameters(f) for f in flights))
+    fitted = 2 + shared / sum(len(axes_of(f)) for f in flights)
     found = []
     for flight, part in zip(flights, _split(p, flights), strict=True):
         r, _ = residuals(part, [flight])
-        measured = channels(flight)
-        freedom = measured.shape[1] - 2 - shared / sum(len(axes_of(f)) for f in flights)
-        for row, velocity in zip(r.reshape(measured.shape), measured, strict=True):
-            sd = math.sqrt(float(row @ row) / max(1.0, freedom))
-            # Noise-free data leave nothing but rounding: all axes then weigh the same, and one that alone is
-            # free of noise does not drown the others.
-            found.append(max(sd, _FINEST * float(np.abs(velocity).max()), 1e-12))
+        found += noises_of(flight, r.reshape(channels(flight).shape), fitted)
     return found
 
 
@@ -223,18 +230,15 @@ def _split(p: Array, flights: Sequence[Flight]) -> list[Array]:
     return parts
 
 
-def _weights(flights: Sequence[Flight], sds: Sequence[float]) -> Array:
-    sizes = [row.size for flight in flights for row in channels(flight)]
-    return np.concatenate([np.full(n, 1.0 / sd) for n, sd in zip(sizes, sds, strict=True)])
-
-
-def _fit(axis: int, p: Array, sd: Array, flights: Sequence[Flight]) -> AxisFit:
-    rows = []
-    for flight, part in zip(flights, _split(p, flights), strict=True):
-        if axis in moved_axes(flight):
-            r, _ = residuals(part, [flight])
-            rows.append(r.reshape(channels(flight).shape)[axes_of(flight).index(axis)])
-    together = np.concatenate(rows)
+def _fit(axis: int, p: Array, sd: Array, flights: Sequence[Flight], r: Array, left: Array) -> AxisFit:
+    """Return an axis; `r` (all,) are the residuals, `left` the same in units of white noise."""
+    rows, white, at = [], [], 0
+    for flight in flights:
+        for a, row in zip(axes_of(flight), channels(flight), strict=True):
+            if a == axis and axis in moved_axes(flight):
+                rows.append(r[at : at + row.size])
+                white.append(left[at : at + row.size])
+            at += row.size
     c = 1 + 2 * axis
     return AxisFit(
         AXES[axis],
@@ -242,6 +246,6 @@ def _fit(axis: int, p: Array, sd: Array, flights: Sequence[Flight]) -> AxisFit:
         float(p[c + 1]),
         float(sd[c]),
         float(sd[c + 1]),
-        math.sqrt(float(np.mean(together**2))),
-        correlation(together),
+        math.sqrt(float(np.mean(np.concatenate(rows) ** 2))),
+        correlation(np.concatenate(white)),
     )

@@ -14,6 +14,7 @@ import numpy as np
 from noctule.estimation.identification.covariance import correlation
 from noctule.estimation.identification.flights import (
     AXES,
+    NOTHING_FLOWN,
     AxisFlight,
     Flight,
     IdentificationError,
@@ -29,7 +30,7 @@ from noctule.geometry import Array
 def published(flights: Sequence[Flight]) -> Identification:
     """Return the least squares (15) of all axes that were moved; the delay is taken for 0."""
     if not flights:
-        raise IdentificationError("identification: no axis was flown; expected at least one")
+        raise IdentificationError(NOTHING_FLOWN)
     rows: dict[int, list[tuple[Array, Array]]] = {}
     for flight in flights:
         for axis, G, u in _equations(flight):

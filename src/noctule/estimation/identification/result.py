@@ -12,6 +12,7 @@ from noctule.geometry import Array
 
 _GAIN_KNOWN = 0.2  # of k_u, its largest deviation
 _DRAG_KNOWN = 0.5  # of k_v
+_EARLY, _EARLY_SDS = 0.005, 3.0  # [s], and deviations: a delay below 0 by less is one of 0
 _DRAG_SMALL = 0.1  # [1/s], as good as none: known so well is enough
 
 
@@ -24,8 +25,8 @@ class AxisFit:
     k_v: float  # [1/s]
     k_u_sd: float
     k_v_sd: float
-    residual_sd: float  # [m/s or rad/s]; of (15): of the input
-    residual_correlation: float = 0.0  # of neighbours; 0 for white noise
+    residual_sd: float  # [m/s or rad/s], between reports; of (15): of the input
+    residual_correlation: float = 0.0  # of neighbours, what is known of the noise taken off; 0: white noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,11 @@ class Identification:
             )
 
     def model(self) -> VehicleModel:
-        """Return what the filter predicts with; its inputs are those that were sent. Needs all four axes."""
+        """Return what the filter predicts with; its inputs are those that were sent.
+
+        Raises IdentificationError for what is no vehicle: an axis not moved, a gain of 0 or less, a drag or a
+        delay below 0.
+        """
         self.require_all_axes()
         for fit in self.axes:
             if fit.k_u <= 0.0 or fit.k_v < 0.0:
@@ -65,6 +70,12 @@ class Identification:
                     "expected a gain above 0 and a drag of 0 or more; are signs and stamps of inputs and "
                     "velocities the same?"
                 )
+        if self.delay < -max(_EARLY, _EARLY_SDS * self.delay_sd):
+            raise IdentificationError(
+                f"identification: the delay is {1e3 * self.delay:.1f} ± {1e3 * self.delay_sd:.1f} ms, the "
+                "vehicle answers before it is asked; expected 0 or more: the stamps of reports are early, or "
+                "those of commands late; stamp both by one clock, reports when they were measured"
+            )
         return VehicleModel.identified(self.k, max(0.0, self.delay))
 
 

@@ -7,17 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from noctule.estimation.identification.flights import AXES, Flight, IdentificationError, WholeFlight, channels
+from noctule.estimation.identification.noise import noises_of, unit_noises, whitened
 from noctule.estimation.identification.output_error import SHARED, own_parameters, predict
 from noctule.estimation.identification.response import response
 from noctule.estimation.identification.result import Identification
 from noctule.geometry import Array
 
+SPAN = 0.5  # [s]
 _STEPS = 4  # of Gauss and Newton; nearly all of it is linear
 
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """A flight as it was measured and as the model has it; the drawing of Figs. 14 and 15."""
+    """A flight as it was measured and as the model has it; the drawing of Figs. 14 and 15.
+
+    The yaw rate is a mean over SPAN: vehicles report their heading, and its noise alone is larger than the
+    rate between two reports.
+    """
 
     command_stamps: Array  # (m,) [s]
     inputs: Array  # (m, 4)
@@ -72,9 +78,9 @@ def validate(found: Identification, flight: WholeFlight) -> Validation:
     if flight.moved[3]:
         turning = flight.yaw_flight()
         own, v = _simulate(turning, shared)
-        first = n - v.shape[1]
-        measured[first:, 3], simulated[first:, 3] = turning.velocities, v[0]
-        simulated[:first, 3] = np.nan
+        measured[:, 3], simulated[:, 3] = (
+            _means(flight.stamps, rates) for rates in (turning.velocities, v[0])
+        )
         _, _, x, _ = response(
             shared[7], shared[8], shared[0], own[0], flight.command_stamps, flight.inputs[:, 3], flight.stamps
         )
@@ -87,11 +93,22 @@ def validate(found: Identification, flight: WholeFlight) -> Validation:
     return Validation(flight.command_stamps, flight.inputs, flight.stamps, measured, simulated, flight.moved)
 
 
+def _means(stamps: Array, rates: Array) -> Array:
+    """Return mean rates (n,) over SPAN about each stamp of those in between (n - 1,); NaN at the ends."""
+    way = np.concatenate([[0.0], np.cumsum(rates * np.diff(stamps))])
+    found = (np.interp(stamps + 0.5 * SPAN, stamps, way) - np.interp(stamps - 0.5 * SPAN, stamps, way)) / SPAN
+    found[(stamps - 0.5 * SPAN < stamps[0]) | (stamps + 0.5 * SPAN > stamps[-1])] = np.nan
+    return np.asarray(found)
+
+
 def _simulate(flight: Flight, shared: Array) -> tuple[Array, Array]:
     """Return the flight's own parameters and the velocities (axes, n) with them."""
     own = np.zeros(own_parameters(flight))
+    noises = unit_noises(flight)
     for _ in range(_STEPS):
         v, J = predict(flight, shared, own)
-        r = (channels(flight) - v).ravel()
-        own = own + np.linalg.lstsq(J[..., SHARED:].reshape(r.size, -1), r, rcond=None)[0]
+        r = channels(flight) - v
+        left = whitened([flight], noises, np.column_stack([r.ravel(), J[..., SHARED:].reshape(r.size, -1)]))
+        own = own + np.linalg.lstsq(left[:, 1:], left[:, 0], rcond=None)[0]
+        noises = noises_of(flight, channels(flight) - predict(flight, shared, own)[0], own.size)
     return own, predict(flight, shared, own)[0]
