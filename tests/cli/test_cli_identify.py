@@ -8,7 +8,7 @@ import pytest
 
 from noctule.cli.identifying import in_words
 from noctule.estimation.identification import EXCITATIONS, validation_inputs
-from noctule.experiments.loc_identification import DELAY, FULL_SCALE, RATE, fly_inputs
+from noctule.experiments.loc_identification import DELAY, FULL_SCALE, RATE, axis_inputs, fly_inputs
 from noctule.flight.recording import FlightRecorder, sent_message
 from noctule.localization.vehicle_file import load_vehicle_model
 from noctule.messages import Command, FlightState, VehicleState
@@ -93,6 +93,8 @@ def test_mistakes_are_one_line(noctule, flights):
     record(Path("silent.mcap"), 12.0, v_body=None)
     record(Path("other.mcap"), 12.0, "[2, 1, 1, 1]")
     record(Path("plain.mcap"), 12.0)
+    record(Path("nan.mcap"), 12.0, v_body=np.array([0.1, np.nan, 0.0]))
+    fly_inputs(1, np.zeros((450, 4)), 0.01, Path("hover.mcap"))
     scales = ("[2.0, 1.0, 1.0, 1.0]", "[1.0, 1.0, 1.0, 1.0]")
     cases = {
         (): "no recording given, expected the .mcap files of flights",
@@ -112,6 +114,15 @@ def test_mistakes_are_one_line(noctule, flights):
             f"recording other.mcap: an input of 1 is the command {scales[0]}, in plain.mcap it is "
             f"{scales[1]}; expected flights of one vehicle"
         ),
+        ("nan.mcap",): (
+            "recording nan.mcap: 360 of 360 reports of the vehicle have velocities not finite, the first "
+            "0.1, nan, 0 at 0.000 s; expected finite numbers in all; the model is identified from them: "
+            "mend what the vehicle reports and fly again"
+        ),
+        ("hover.mcap",): (
+            "recording hover.mcap: what was sent is always the same, on every axis in 15 s of flight; "
+            "expected inputs that vary: fly the deformed sinusoid on each axis"
+        ),
         (f"{flights}/forward.mcap",): (
             "identification: nothing was sent on left and up and yaw; expected all of forward, left, up, yaw "
             "to be moved: fly the deformed sinusoid on each"
@@ -122,6 +133,86 @@ def test_mistakes_are_one_line(noctule, flights):
         assert said.code == 2
         assert said.err == f"noctule: {message}\n"
     assert not Path("flights").exists()
+
+
+def test_a_flight_counts_once_under_whatever_name(noctule, flights):
+    one = flights / "all.mcap"
+    copy, link = Path("copy.mcap"), Path("link.mcap")
+    copy.write_bytes(one.read_bytes())
+    link.symlink_to(one)
+    for again in (one, flights / ".." / flights.name / "all.mcap", copy, link):
+        said = noctule("identify", str(one), str(again), "--out", "m")
+        assert said.code == 2
+        assert said.err == (
+            f"noctule: recording {again}: is given twice, before as {one}; expected each flight once: it "
+            "would count twice, and deviations be too small; leave one out\n"
+        )
+        said = noctule("identify", str(one), "--validation", str(again), "--out", "m")
+        assert said.code == 2
+        assert said.err == (
+            f"noctule: --validation {again}: is the recording {one} that the model is identified from; "
+            "expected another flight: a model is not tried on what it was fitted to\n"
+        )
+    assert not Path("m").exists()
+
+
+def shifted(path, reports, commands, noise=0.01):
+    """Record half a minute whose reports and commands are stamped later by so many seconds."""
+    flown = fly_inputs(7, validation_inputs(T), noise)
+    with FlightRecorder(path) as recorder:
+        recorder.note("inputs", {"full_scale": json.dumps(FULL_SCALE.tolist())})
+        for stamp, inputs, v, yaw in zip(
+            flown.stamps, flown.inputs, flown.velocities, flown.yaw, strict=True
+        ):
+            command = Command.from_array(inputs * FULL_SCALE)
+            state = VehicleState(stamp + reports, FlightState.FLYING, yaw=yaw, v_body=v)
+            now = stamp + commands
+            recorder.tick(
+                now, state, None, (), None, sent_message(now, command, command, "flying", "send", "")
+            )
+
+
+def test_reports_that_are_stamped_early_are_refused(noctule):
+    shifted(Path("early.mcap"), -0.15, 0.0)
+    said = noctule("identify", "early.mcap", "--out", "m")
+    assert said.code == 2
+    assert said.err.startswith("noctule: identification: the delay is -8")
+    assert "the stamps of reports are early, or those of commands late; stamp both by one clock" in said.err
+    assert not Path("m").exists()
+
+
+@pytest.mark.parametrize(("late", "noted"), [(0.15, False), (0.35, True)])
+def test_a_delay_with_which_no_path_can_be_followed_is_noted(noctule, late, noted):
+    shifted(Path("late.mcap"), late, 0.0)
+    said = noctule("identify", "late.mcap", "--out", "m")
+    assert said.code == 0
+    assert load_vehicle_model(Path("m/vehicle.toml")).delay_s == pytest.approx(DELAY + late, abs=0.005)
+    note = (
+        "note: the delay is longer than the 0.3 s that the path follower flies with; it will refuse this "
+        "vehicle: mend the link"
+    )
+    assert (note in said.out.splitlines()) == noted
+
+
+def test_a_model_worse_than_none_is_told_and_drawn_but_not_written(noctule):
+    fly_inputs(3, axis_inputs(), 0.06, Path("noisy.mcap"))
+    tokens = ("identify", "noisy.mcap", "--method", "published")
+    said = noctule(*tokens, "--out", "m")
+    assert said.code == 2
+    assert said.err.startswith("noctule: identification: the fit is -")
+    assert said.err.endswith(
+        ", worse than the mean velocity; expected more than 0; vehicle.toml was not written: "
+        "identify by output-error\n"
+    )
+    assert said.out.splitlines()[0] == "identified by published: a = k_u u - k_v v"
+    assert said.out.splitlines()[-1] == "figure: m/identification.png"
+    assert not Path("m/vehicle.toml").exists()
+    told = noctule(*tokens, "--out", "m", "--json")
+    assert told.code == 2
+    assert len(told.out.splitlines()) == 1
+    assert told.last_json["vehicle_model"] is None
+    assert min(told.last_json["fit"].values()) < 0.0
+    assert told.err == f"noctule: {told.last_json['error']}\n"
 
 
 def test_an_axis_moved_too_little_is_named(noctule):
@@ -168,7 +259,7 @@ def test_residuals_that_are_no_noise_are_told():
     assert text[5].split()[-2:] == ["-", "-"]
     assert "delay: 66.7 ± 0.4 ms" in text
     assert text[-2] == (
-        "note: what is left on up is no white noise (gusts, or a model too simple); deviations are widened, "
+        "note: what is left on up is no white noise (gusts, or a model too simple); deviations allow for it, "
         "but trust them less"
     )
 

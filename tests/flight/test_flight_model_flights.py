@@ -104,6 +104,22 @@ def test_a_vehicle_that_does_not_say_how_it_moves_is_refused(field, word):
     )
 
 
+@pytest.mark.parametrize(
+    ("changes", "what", "first"),
+    [
+        ({"v_body": np.array([0.1, np.nan, np.inf])}, "velocities", "0.1, nan, inf"),
+        ({"yaw": np.nan}, "a yaw", "nan"),
+    ],
+)
+def test_numbers_that_are_not_finite_are_refused_with_the_file_and_the_first_of_them(changes, what, first):
+    ticks = [tick(t, **(changes if 1.0 <= t < 2.0 else {})) for t in stamps(0, 12)]
+    assert refusal(NoVelocitiesError, recorded(ticks)) == (
+        f"recording flight.mcap: 30 of 360 reports of the vehicle have {what} not finite, the first {first} "
+        "at 1.000 s; expected finite numbers in all; the model is identified from them: "
+        "mend what the vehicle reports and fly again"
+    )
+
+
 @pytest.mark.parametrize("text", ["[1, 2]", "[0, 1, 1, 1]", "nonsense", '{"a": 1}', "[1, 1, 1, NaN]"])
 def test_a_note_that_cannot_be_read_is_refused(text):
     recording = recorded([tick(t) for t in stamps(0, 12)], {"inputs": {"full_scale": text}})

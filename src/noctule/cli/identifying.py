@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
 Method = Literal["output-error", "published"]
 _GOOD = 0.995  # a fit of which nothing is left to speak of
-_COLOURED = 0.3  # correlation of neighbouring residuals above which deviations are too small to believe
+_COLOURED = 0.3  # correlation of neighbouring residuals above which deviations are to be trusted less
 
 
 class IdentifyInputError(NoctuleError):
@@ -32,7 +34,8 @@ def identify(
 ) -> int:
     """Identify how a vehicle answers commands: k1 to k8 and the delay, with their uncertainties.
 
-    Writes vehicle.toml, which predicts for the filter, and draws what was measured beside the model.
+    Writes vehicle.toml, which predicts for the filter, and draws what was measured beside the model. A model
+    whose fit is below 0 on an axis is told and drawn, not written.
 
     Parameters
     ----------
@@ -59,19 +62,63 @@ def identify(
     tried = None if validation is None else _flights(validation)
     if tried is not None and validation is not None:
         _same_scale((recordings[0], validation), (given[0], tried))
-    found = _identified(method, given)
+    _refuse_repeated(recordings, validation)
+    found = _identified(method, recordings, given)
     check_excitation(found)
     model = VehicleModelSettings.of(found, scale)
     folder = out_folder(out, "identify")
-    save_vehicle_model(folder / VEHICLE, model)
     summary = {"method": method, **figures_of(found), "full_scale": list(model.full_scale)}
     summary["fit"] = _tried(found, given, "Identification", folder / "identification.png")
     if tried is not None:
         summary["validation_fit"] = _tried(found, [tried], "Validation", folder / "validation.png")
-    summary["vehicle_model"] = folder / VEHICLE
+    poor = _poor(summary)
+    if not poor:
+        save_vehicle_model(folder / VEHICLE, model)
+    summary["vehicle_model"] = None if poor else folder / VEHICLE
     summary["figures"] = sorted(folder.glob("identification*.png")) + sorted(folder.glob("validation.png"))
-    print(as_json(summary) if json else in_words(summary))
-    return 0
+    if not poor:
+        print(as_json(summary) if json else in_words(summary))
+        return 0
+    error = (
+        f"identification: the fit is {poor}, worse than the mean velocity; expected more than 0; "
+        f"{VEHICLE} was not written: "
+        + ("identify by output-error" if method == "published" else "are all flights of this vehicle?")
+    )
+    print(f"noctule: {error}", file=sys.stderr)
+    print(as_json({**summary, "error": error}) if json else in_words(summary))
+    return 2
+
+
+def _poor(summary: Mapping[str, Any]) -> str:
+    """Return the fits below 0, by flight and axis; nothing where there are none."""
+    flights = (("", summary["fit"]), (" of the validation", summary.get("validation_fit", {})))
+    return ", ".join(
+        f"{_percent(fit)} on {axis}{of}" for of, fits in flights for axis, fit in fits.items() if fit < 0.0
+    )
+
+
+def _refuse_repeated(recordings: tuple[Path, ...], validation: Path | None) -> None:
+    """Raise IdentifyInputError for a flight that is given twice, under one name or as a copy."""
+    seen: dict[str, Path] = {}
+    for path in recordings:
+        content = _content(path)
+        if content in seen:
+            raise IdentifyInputError(
+                f"recording {path}: is given twice, before as {seen[content]}; expected each flight once: it "
+                "would count twice, and deviations be too small; leave one out"
+            )
+        seen[content] = path
+    trained = None if validation is None else seen.get(_content(validation))
+    if trained is not None:
+        raise IdentifyInputError(
+            f"--validation {validation}: is the recording {trained} that the model is identified from; "
+            "expected another flight: a model is not tried on what it was fitted to"
+        )
+
+
+def _content(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _flights(path: Path) -> ModelFlights:
@@ -91,10 +138,18 @@ def _same_scale(paths: tuple[Path, ...], given: list[ModelFlights] | tuple[Model
     return given[0].full_scale
 
 
-def _identified(method: Method, given: list[ModelFlights]) -> Identification:
+def _identified(method: Method, recordings: tuple[Path, ...], given: list[ModelFlights]) -> Identification:
     from noctule.estimation import identification
 
     parts = [part for flights in given for flight in flights.flights for part in flight.parts()]
+    if not parts:
+        seconds = sum(
+            float(flight.stamps[-1] - flight.stamps[0]) for flights in given for flight in flights.flights
+        )
+        raise IdentifyInputError(
+            f"recording {', '.join(map(str, recordings))}: what was sent is always the same, on every axis "
+            f"in {seconds:.0f} s of flight; expected inputs that vary: fly the deformed sinusoid on each axis"
+        )
     return identification.identify(parts) if method == "output-error" else identification.published(parts)
 
 
@@ -152,12 +207,25 @@ def in_words(summary: Mapping[str, Any]) -> str:
         if abs(left["correlation"]) > _COLOURED and not summary["fit"][axis] > _GOOD
     ]
     if loud:
+        known = summary["method"] == "output-error"
         lines.append(
             f"note: what is left on {', '.join(loud)} is no white noise (gusts, or a model too simple); "
-            "deviations are widened, but trust them less"
+            + ("deviations allow for it, but trust them less" if known else "do not trust the deviations")
         )
-    lines.append(f"vehicle model: {summary['vehicle_model']}")
+    if summary["method"] == "output-error" and summary["delay_s"] > (longest := _longest_delay()):
+        lines.append(
+            f"note: the delay is longer than the {longest:g} s that the path follower flies with; it will "
+            "refuse this vehicle: mend the link"
+        )
+    if summary["vehicle_model"] is not None:
+        lines.append(f"vehicle model: {summary['vehicle_model']}")
     return "\n".join([*lines, *(f"figure: {file}" for file in summary["figures"])])
+
+
+def _longest_delay() -> float:
+    from noctule.control.cascade.settings import CascadeSettings
+
+    return CascadeSettings().longest_delay_s
 
 
 def _with_sd(value: Mapping[str, float]) -> str:

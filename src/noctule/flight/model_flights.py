@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -51,7 +52,7 @@ def model_flights(recording: Recording) -> ModelFlights:
     Raises
     ------
     NoVelocitiesError
-        When velocities or yaw are missing in the vehicle's reports.
+        When velocities or yaw are missing in the vehicle's reports, or are not finite.
     ShortFlightError
         When it flew for less than LEAST seconds.
     InputScaleError
@@ -71,6 +72,8 @@ def model_flights(recording: Recording) -> ModelFlights:
                     "fly a vehicle that reports them"
                 )
         stamps = np.array([state.stamp for state in states])
+        _check_finite(recording.path, "velocities", stamps, np.array(velocities))
+        _check_finite(recording.path, "a yaw", stamps, np.array(yaw)[:, None])
         longest = max(longest, float(stamps[-1] - stamps[0]))
         if stamps[-1] - stamps[0] < LEAST:
             continue
@@ -84,6 +87,17 @@ def model_flights(recording: Recording) -> ModelFlights:
             f"{LEAST:g} s; fly the deformed sinusoid, 82 s on each axis"
         )
     return ModelFlights(tuple(flights), scale)
+
+
+def _check_finite(path: Path, what: str, stamps: Array, said: Array) -> None:
+    bad = np.flatnonzero(~np.isfinite(said).all(axis=1))
+    if bad.size:
+        first = ", ".join(f"{value:g}" for value in said[bad[0]])
+        raise NoVelocitiesError(
+            f"recording {path}: {bad.size} of {stamps.size} reports of the vehicle have {what} not finite, "
+            f"the first {first} at {stamps[bad[0]]:.3f} s; expected finite numbers in all; the model is "
+            "identified from them: mend what the vehicle reports and fly again"
+        )
 
 
 def _sent(ticks: Sequence[Tick]) -> tuple[Array, Array]:
