@@ -14,7 +14,7 @@ from noctule.experiments import loc_fusion
 from noctule.experiments.hand_flight import SPEED, ellipse, fly_by_hand, steer
 from noctule.experiments.judging import KINEMATIC, Errors, judge_estimate, judge_pose, judge_report
 from noctule.experiments.loc_fusion import LATE, Exposure, FusionOptions, happenings, sense
-from noctule.experiments.loc_identification import TRUE
+from noctule.experiments.loc_identification import TRUE, fly_inputs
 from noctule.experiments.measured import MEASURED
 from noctule.flight.sensor_recording import read_sensor_log
 from noctule.geometry import Pose, wrap_angle
@@ -120,7 +120,7 @@ def made_up(monkeypatch, flight):
 
 def test_all_sensors_together_are_truer_than_the_camera_alone_and_know_it(made_up):
     sensors = loc_fusion.calibrated(fly_by_hand(3, 0, 45.0))
-    figures = loc_fusion.figures_of(made_up.sense(sensors, FusionOptions(seconds=45.0)))
+    figures = loc_fusion.figures_of(made_up.sense(TRUE, sensors, FusionOptions(seconds=45.0)))
     fused, depth, onboard = (figures[name] for name in ("fused", "depth", "onboard"))
     assert fused["yaw_sd_deg"] < depth["yaw_sd_deg"] < 1.0
     assert abs(fused["yaw_mean_deg"]) < 0.2
@@ -134,9 +134,42 @@ def test_all_sensors_together_are_truer_than_the_camera_alone_and_know_it(made_u
     assert max(made_up.cameras[0].predicted) < 0.06
 
 
+def test_the_network_predicts_by_a_model_that_was_identified_and_not_by_the_truth(monkeypatch):
+    flown = []
+
+    def fly(seed, inputs, noise, gusts):
+        flown.append((seed, noise, gusts))
+        return fly_inputs(seed, inputs, noise, gusts=gusts)
+
+    monkeypatch.setattr(loc_fusion, "fly_inputs", fly)
+    model, other = loc_fusion.identified(3), loc_fusion.identified(4)
+    assert flown == [(3, 0.06, 0.6), (4, 0.06, 0.6)]
+    for found in (model, other):
+        off = np.append(found.input_gains / TRUE.input_gains, found.drags / TRUE.drags) - 1.0
+        assert 0.001 < np.abs(off).max() < 0.3
+        assert found.delay != TRUE.delay
+        assert found.delay == pytest.approx(TRUE.delay, abs=0.03)
+    assert (model.drags != other.drags).all()
+
+
+def test_a_seed_s_network_is_given_its_own_model(made_up, monkeypatch):
+    given = []
+    real = loc_fusion.Fusion
+
+    def fusion(nodes, model, sensors):
+        given.append(model)
+        return real(nodes, model, sensors)
+
+    model = replace(TRUE, drags=1.1 * TRUE.drags)
+    monkeypatch.setattr(loc_fusion, "Fusion", fusion)
+    monkeypatch.setattr(loc_fusion, "identified", lambda seed: {3: model}[seed])
+    loc_fusion.measure_fusion(3, FusionOptions(seconds=40.0))
+    assert [one is model for one in given] == [True] * 4
+
+
 def test_markers_are_compared_or_fused_never_both_and_fused_they_make_the_heading_truer(made_up):
     compared, fused = (
-        loc_fusion.figures_of(made_up.sense(Sensors(), FusionOptions(seconds=45.0, markers=role)))
+        loc_fusion.figures_of(made_up.sense(TRUE, Sensors(), FusionOptions(seconds=45.0, markers=role)))
         for role in ("truth", "node")
     )
     assert "fused_less_markers" in compared

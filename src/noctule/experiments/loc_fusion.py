@@ -2,9 +2,10 @@
 
 The vehicle is flown by hand (`hand_flight`) below the ceiling camera: depth at 30 Hz, 40 ms late; navdata
 irregular, late and lossy; colour markers in every fifth frame, as the paper's ground truth or as a third
-node, never both. What the network fuses is handed to the locator as its prediction. The vehicle's reports
-were calibrated in a flight before; "uncalibrated" is the same network without that. As the camera alone knows
-the heading well, two more networks lose it for 5 of every 20 s: there one sees what the calibration is worth.
+node, never both. What the network fuses is handed to the locator as its prediction. The vehicle was
+identified, and its reports calibrated, in flights before; "uncalibrated" is the same network without the
+latter. As the camera alone knows the heading well, two more networks lose it for 5 of every 20 s: there one
+sees what the calibration is worth.
 """
 
 from __future__ import annotations
@@ -17,13 +18,15 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from noctule.estimation.identification import identify
 from noctule.estimation.reports import Reports
 from noctule.estimation.sensor_calibration import calibrate_onboard
 from noctule.estimation.sensors import Sensors
+from noctule.estimation.vehicle_model import VehicleModel
 from noctule.experiments.ceiling import RATE, TaughtCamera, teach_camera
-from noctule.experiments.hand_flight import SECONDS, HandFlight, fly_by_hand
+from noctule.experiments.hand_flight import GUSTS, SECONDS, HandFlight, fly_by_hand
 from noctule.experiments.judging import Errors, judge_estimate, judge_heading, judge_pose, judge_report
-from noctule.experiments.loc_identification import TRUE
+from noctule.experiments.loc_identification import axis_flights, axis_inputs, fly_inputs
 from noctule.flight.depth_scene import passer_by
 from noctule.flight.sensor_recording import SensorRecorder
 from noctule.geometry import Array, wrap_angle
@@ -36,6 +39,7 @@ from noctule.settings import Settings
 
 LATE = 0.04  # [s], from exposure to delivery
 SETTLED = 2.0  # [s], that the network has before it is judged
+NOISE = 0.06  # [m/s, rad/s], of the velocities that the vehicle is identified from
 _COLOUR_EVERY = 5  # frames
 _TICK = 1.0 / 30.0  # [s], at which the fusion is judged, as a pilot would ask it
 _OUTAGE, _OUTAGE_EVERY = 5.0, 20.0  # [s], for which the camera is lost, at the end of every so many
@@ -116,7 +120,12 @@ def _sensed(seed: int, options: FusionOptions, progress: Progress) -> tuple[Hand
     taught = teach_camera(seed, options.hull, markers=True)
     sensors = calibrated(fly_by_hand(seed, CALIBRATING, options.seconds))
     flight = fly_by_hand(seed, JUDGED, options.seconds)
-    return flight, sense(taught, flight, sensors, options, progress)
+    return flight, sense(taught, flight, identified(seed), sensors, options, progress)
+
+
+def identified(seed: int) -> VehicleModel:
+    """Return the vehicle's model, its inputs normalised, from a flight of each axis alone in gusts."""
+    return identify(axis_flights(fly_inputs(seed, axis_inputs(), NOISE, gusts=GUSTS))).model()
 
 
 def calibrated(flight: HandFlight) -> Sensors:
@@ -128,15 +137,16 @@ def calibrated(flight: HandFlight) -> Sensors:
 def sense(
     taught: TaughtCamera,
     flight: HandFlight,
+    model: VehicleModel,
     sensors: Sensors,
     options: FusionOptions,
     progress: Progress = lambda _: None,
 ) -> Sensed:
-    """Let the camera see a flight and the network fuse it; judge every source against the truth."""
+    """Let the camera see a flight and the network fuse it by a model; judge every source by the truth."""
     nodes = ("onboard", "depth", "markers") if options.markers == "node" else ("onboard", "depth")
     known, unknown = Sensors(onboard=sensors.onboard), Sensors()
-    seeing = {"fused": Fusion(nodes, TRUE, known), "fused_uncalibrated": Fusion(nodes, TRUE, unknown)}
-    blind = {"calibrated": Fusion(nodes, TRUE, known), "uncalibrated": Fusion(nodes, TRUE, unknown)}
+    seeing = {"fused": Fusion(nodes, model, known), "fused_uncalibrated": Fusion(nodes, model, unknown)}
+    blind = {"calibrated": Fusion(nodes, model, known), "uncalibrated": Fusion(nodes, model, unknown)}
     fusions, fused = (*seeing.values(), *blind.values()), seeing["fused"]
     camera = _Watching(taught, flight, options.person)
     found = Sensed(
