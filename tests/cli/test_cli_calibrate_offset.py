@@ -232,6 +232,21 @@ def test_a_file_of_places_that_is_not_there_and_no_place_at_all_are_one_line(noc
     )
 
 
+def test_a_drone_on_the_floor_is_measured_below_the_camera_and_named_aside_of_it(room):
+    def said(at: str):
+        floor = ("--flight", "stand", f"--at={at}", "--height", "0.05", "--seconds", "2")
+        assert run(("calibrate", "record", "--simulated", *floor, "--out", f"./{at}.mcap")) == 0
+        return room(None, "--recording", f"./{at}.mcap", f"--at={at}", "--height", "0.05", "--json")
+
+    below = said("0.1,-0.7")
+    assert below.code == 0
+    assert abs(below.last_json["offset_m"][2]) < 0.005
+    aside = said("-0.3,1.2")
+    assert (aside.code, aside.err.count("\n")) == (2, 1)
+    assert "a drone 0.05 m above the floor was measured" in aside.err
+    assert aside.err.endswith("put it below the camera, or on a stool of 0.2 m or more\n")
+
+
 def test_the_simulated_drone_stands_where_it_is_put(noctule, taught):
     middle = next(read_depth_recording(taught / "stools" / "middle.mcap").frames())
     again = next(Scene("stand", seconds=1.5, at=STOOLS["middle"]).frames())

@@ -96,16 +96,27 @@ def _several(options: SourceOptions, said: OffsetOptions, file: Path) -> list[tu
 def _located(stream: Stream, known: Site, place: Array) -> Standing:
     import numpy as np
 
-    from noctule.localization.calibration.offset import Standing
+    from noctule.localization.calibration.near_floor import LOW, near_floor, steadied
+    from noctule.localization.calibration.offset import FEWEST, Standing, TooFewMeasurementsError
     from noctule.localization.locator import Locator
 
+    frames = stream.frames(f"locating, {stream.source.name}")
+    background, template = known.background, replace(known.template, slant=0.0)
+    low = place[2] < LOW
+    if low:
+        frames = steadied(frames, background)
+        background, template = near_floor(background, template)
     # No detector: it may stand lower than it was ever flown. And what was calibrated before is forgotten.
-    locator = Locator(known.camera.camera, known.background, replace(known.template, slant=0.0))
+    locator = Locator(known.camera.camera, background, template)
     with stream.judged():
-        located = [
-            locator.step(frame).measurement for frame in stream.frames(f"locating, {stream.source.name}")
-        ]
+        located = [locator.step(frame).measurement for frame in frames]
     measured = np.array([m.position for m in located if m is not None]).reshape(-1, 3)
+    if low and len(measured) < FEWEST <= len(located):
+        raise TooFewMeasurementsError(
+            f"offset: a drone {place[2]:g} m above the floor was measured {len(measured)} times in "
+            f"{stream.source.name}, expected {FEWEST} or more; it is hardly told from the floor there: put "
+            f"it below the camera, or on a stool of {LOW:g} m or more"
+        )
     return Standing(place, measured)
 
 
