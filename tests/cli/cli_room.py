@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 
 from noctule.camera import FixedCamera, PinholeCamera
-from noctule.cli.depth_stream import thinned
 from noctule.flight.depth_scene import Scene
 from noctule.localization.detection.band import SurfaceBand
 from noctule.localization.detection.cubics import AreaCubics
@@ -79,9 +78,11 @@ def leave_simulated_site(folder: Path) -> Path:
     """Leave a site of the simulated room; its template is made of true poses, which is quick."""
     camera = Scene("none").spec.camera
     background = learn_background([f.depth for f in Scene("none", seconds=0.7).frames()])
-    scene = Scene("manual", seconds=9.0)
+    scene = Scene("manual", seconds=30.0)
     poses = {stamp: pose for stamp, pose in scene.poses() if pose is not None}
-    samples = [(frame, poses[frame.stamp]) for frame in thinned(scene.frames(), 0.1)]
+    samples = [
+        (frame, poses[frame.stamp]) for frame in scene.frames(lambda stamp: round(30 * stamp) % 10 == 0)
+    ]
     save_camera(folder, SiteCamera(camera))
     save_background(folder, background, camera)
     save_detectors(folder, DETECTORS, camera)

@@ -95,8 +95,8 @@ def calibrate_offset(
     site
         The folder of the whole site.
     height
-        How high the middle of its hull is above the floor [m]: on a stool that was there when the background
-        was learned, about as high as it will fly.
+        How high the middle of its hull is above the floor [m]: best on a stool that was there when the
+        background was learned, about as high as it will fly. On the floor it is measured below the camera.
     at
         Where it stands, as x,y [m]; left out, only the altitude is corrected.
     places
@@ -163,8 +163,8 @@ def calibrate_record(
     out
         The recording (.mcap), a new file.
     flight
-        With --simulated: what is flown. none: the room is empty. manual: by hand all over the room.
-        path: along an ellipse. stand: it stands still and is turned by quarters.
+        With --simulated: what is flown. none: the room is empty. manual: by hand all over the room, nose
+        first. path: along an ellipse. stand: it stands still and is turned by quarters.
     at
         With --flight stand: where it stands, as x,y [m]; left out, 0,0.
     height

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,10 +24,13 @@ from noctule.simulation.ceiling import (
 )
 
 Flight = Literal["none", "manual", "path", "stand"]
-"""Nothing; a drone by hand all over the room; one along the paper's ellipse; one that stands."""
+"""Nothing; a drone by hand all over the room, nose first; one along the paper's ellipse; one that stands."""
 
 _SPEED = 0.3  # [m/s], along the path
 _PASSES = 0.6  # [m], as near as the person comes to the path
+_AHEAD = 0.8  # [s], sd: so far before a turn of its way the nose turns, and so long after it
+_TURNING = 1.5  # [rad/s], by hand
+_CATCH_UP = 0.3  # [s], time constant of the nose
 _STREAMS: dict[Flight, int] = {"none": 0, "manual": 1, "path": 2, "stand": 3}
 STAND = (0.0, 0.0, 1.2)  # [m], where the drone stands if nothing is said, on a pole that no camera sees
 
@@ -53,7 +56,7 @@ class Scene:
         """Return (stamp [s], true pose) of every frame."""
         rate = self.spec.rate_hz
         if self.flight == "manual":
-            return list(manual_flight(self._own_seed, self.seconds, rate, self.spec))
+            return list(_nose_first(manual_flight(self._own_seed, self.seconds, rate, self.spec)))
         stamps = [k / rate for k in range(math.floor(self.seconds * rate + 1e-9))]
         if self.flight == "none":
             return [(stamp, None) for stamp in stamps]
@@ -101,6 +104,31 @@ def simulated_source(scene: Scene) -> DepthSource:
 def _said(pose: Pose | None) -> float | None:
     # Whoever holds the sticks knows how the drone was put down, by eye.
     return None if pose is None else round(pose.yaw / (math.pi / 4.0)) * (math.pi / 4.0)
+
+
+def _nose_first(flight: Sequence[tuple[float, Pose]]) -> Iterator[tuple[float, Pose]]:
+    """Yield a flight by hand with the nose along its way, by which a template's nose is told from its tail.
+
+    The way, and with it the acceleration that it leans for, stays.
+    """
+    if len(flight) < 2:
+        yield from flight
+        return
+    step = flight[1][0] - flight[0][0]
+    velocity = np.gradient(np.array([pose.position[:2] for _, pose in flight]), step, axis=0)
+    reach = math.ceil(3.0 * _AHEAD / step)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / _AHEAD) ** 2)
+    padded = np.pad(velocity, ((reach, reach), (0, 0)), mode="edge")
+    vx, vy = (np.convolve(along, weights, "valid") for along in padded.T)
+    way = np.arctan2(vy, vx)
+    yaw = float(way[0])
+    for (stamp, pose), wanted in zip(flight, way, strict=True):
+        turn = wrap_angle(float(wanted) - yaw) * step / _CATCH_UP
+        yaw += min(max(turn, -_TURNING * step), _TURNING * step)
+        x, y, z = pose.R_world_body[:, 2]  # the thrust's direction
+        forward, left = x * math.cos(yaw) + y * math.sin(yaw), y * math.cos(yaw) - x * math.sin(yaw)
+        roll = math.atan2(-left, math.hypot(forward, z))
+        yield stamp, Pose(pose.position, wrap_angle(yaw), roll, math.atan2(forward, z))
 
 
 def passer_by() -> Walker:
