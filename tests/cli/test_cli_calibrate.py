@@ -141,8 +141,8 @@ def test_a_few_bad_frames_are_left_out_and_many_are_refused_by_name(noctule):
     assert (said.code, said.err) == (
         2,
         "noctule: folder metres: 20 of 20 frames cannot be used: wrong unit: the usual depth is 3, expected "
-        "about 3000 as far as the floor is [mm]; these look like metres, have the camera send millimetres, or "
-        "give the --scale of the folder's images\n",
+        "about 3000 as far as the floor is [mm]; these look like metres, have the camera send millimetres, "
+        "or give the --scale of the folder's images\n",
     )
 
 

@@ -35,8 +35,8 @@ def test_the_stools_tell_what_slanting_rays_are_off_by():
 
 
 def standing(place, count=60, seed=0):
-    noise = np.random.default_rng(seed).normal(0.0, 0.002, (count, 3))
-    return Standing(np.array(place), np.array(place) + [0.0, 0.0, 0.01] + noise)
+    middle = np.add(place, (0.0, 0.0, 0.01))
+    return Standing(np.array(place), np.random.default_rng(seed).normal(middle, 0.002, (count, 3)))
 
 
 def test_a_stool_on_which_the_drone_is_seen_badly_has_no_say():

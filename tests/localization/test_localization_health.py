@@ -120,8 +120,8 @@ def test_before_the_room_is_learned_the_floor_tells_the_unit_and_the_scale(facto
     hanging = FixedCamera(CAMERA, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, HEIGHT / 1000.0]))
     depth = np.full((240, 320), HEIGHT * factor).astype(np.uint16)
     assert check_frame(DepthFrame(0.0, depth), Expected.over_floor(hanging)) == (
-        f"wrong unit: the usual depth is {usual}, expected about 3000 as far as the floor is [mm]; these look "
-        f"like {unit}, have the camera send millimetres, or give the --scale of the folder's images"
+        f"wrong unit: the usual depth is {usual}, expected about 3000 as far as the floor is [mm]; these "
+        f"look like {unit}, have the camera send millimetres, or give the --scale of the folder's images"
     )
 
 

@@ -33,7 +33,13 @@ from noctule.localization.site import (
     save_template,
     straightened,
 )
-from noctule.localization.site_files import SiteCameraError, SiteFileError, SiteFormatError, save_arrays, write_whole
+from noctule.localization.site_files import (
+    SiteCameraError,
+    SiteFileError,
+    SiteFormatError,
+    save_arrays,
+    write_whole,
+)
 from noctule.localization.template import Template
 from noctule.messages import DepthFrame
 from noctule.vision.depth.background import Background
