@@ -1,6 +1,7 @@
 """The shapes of paths: each node where the formula has it, unit speed, and no way to make nonsense."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -162,6 +163,38 @@ def fails(call):
     return str(caught.value)
 
 
+def test_what_is_too_long_is_refused_before_its_nodes_are_made():
+    far = [(20 * (k % 2), 0.01 * k, 1) for k in range(101)]
+    way = line((0, 0, 1), (90, 0, 1))
+    back = line((90, 0, 1), (0, 0, 1))
+    tracemalloc.start()
+    for call, length in (
+        (lambda: line((0, 0, 1), (3000, 0, 1)), 3000),
+        (lambda: line((0, 0, 1), (1e12, 0, 1)), 10**12),
+        (lambda: polyline(far), 2000),
+        (lambda: polyline(far, 0.001, closed=True), 2000),
+        (lambda: polyline([(1000 * (k % 2), k, 1) for k in range(41)], 0.1), 40000),
+        (lambda: joined([way, back] * 12), 2160),
+    ):
+        said = fails(call)
+        assert said.endswith(" m long; expected at most 2000 m")
+        assert f" {length} m" in said
+    # Wide arcs between near points are no path, however many there are.
+    zigzag = [(0.02 * (k % 2), 0.001 * k, 1) for k in range(1000)]
+    assert "too near to be rounded by 1000 m" in fails(lambda: polyline(zigzag, 1000.0))
+    assert tracemalloc.get_traced_memory()[1] < 5e6
+    tracemalloc.stop()
+    assert polyline([(20 * (k % 2), 0.0, 1) for k in range(100)]).length == pytest.approx(1980.0)
+
+
+def test_a_curve_too_tight_to_be_flown_is_told_with_its_radius():
+    assert fails(lambda: arc((0, 0, 1), 0.002, 0.0, math.pi)) == (
+        "path: the curve at (0.00, 0.00, 1.00) has a radius of 0.0020 m, too tight to be flown; "
+        "make it wider than 0.01 m"
+    )
+    assert arc((0, 0, 1), 0.02, 0.0, math.pi).length == pytest.approx(0.02 * math.pi)
+
+
 def test_mistakes_are_told_with_what_was_expected():
     assert fails(lambda: line((0, 0, 1), (0, 0, 1))) == (
         "line: it begins and ends at [0.0, 0.0, 1.0]; expected two points that differ"
@@ -199,7 +232,7 @@ def test_mistakes_are_told_with_what_was_expected():
         "line: points 2 and 3 are too near to be rounded by 0.2 m; give a smaller radius"
     )
     assert fails(lambda: joined([])) == "path: it has no pieces; expected at least one"
-    assert fails(lambda: line((0, 0, 1), (3000, 0, 1)) and arc((0, 0, 0), 5000.0, 0, 3.0)) == (
+    assert fails(lambda: arc((0, 0, 0), 5000.0, 0, 3.0)) == (
         "path: it is 15000 m long; expected at most 2000 m"
     )
     nodes = np.zeros((3, 3))

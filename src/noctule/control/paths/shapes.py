@@ -14,6 +14,7 @@ from noctule.control.paths.space_path import (
     PathShapeError,
     SpacePath,
     of_curve,
+    require_length,
     turn,
 )
 from noctule.geometry import Array
@@ -45,6 +46,7 @@ def line(begin: Point, end: Point) -> SpacePath:
     length = float(np.linalg.norm(way))
     if length < SAME_PLACE:
         raise PathShapeError(f"line: it begins and ends at {a.tolist()}; expected two points that differ")
+    require_length(length)
     s = np.linspace(0.0, length, max(2, math.ceil(length / STEP) + 1))
     tangent = np.tile(way / length, (s.size, 1))
     return SpacePath(s, a + s[:, None] * tangent, tangent, np.zeros((s.size, 3)))
@@ -119,6 +121,8 @@ def polyline(points: Sequence[Point] | Array, radius: float = 0.0, closed: bool 
     if len(corners) < least:
         raise PathShapeError(f"line: {len(corners)} points, expected at least {least}")
     n = len(corners)
+    ways = [corners[(k + 1) % n] - corners[k] for k in range(n if closed else n - 1)]
+    require_length(math.fsum(float(np.linalg.norm(way)) for way in ways))
     inner = range(n) if closed else range(1, n - 1)
     arcs = [_rounding(corners, k, radius) if radius > 0.0 and k in inner else None for k in range(n)]
     pieces: list[SpacePath] = []
@@ -131,10 +135,7 @@ def polyline(points: Sequence[Point] | Array, radius: float = 0.0, closed: bool 
             pieces.append(bend)
         gap = float(np.linalg.norm(end - begin))
         if gap > SAME_PLACE and (end - begin) @ (corners[m] - corners[k]) < 0.0:
-            raise PathShapeError(
-                f"line: points {k + 1} and {m + 1} are too near to be rounded by {radius:g} m; "
-                "give a smaller radius"
-            )
+            raise _too_near(k, m, radius)
         if gap >= SAME_PLACE:
             pieces.append(line(begin, end))
         elif bend is None and next_bend is None:
@@ -142,6 +143,12 @@ def polyline(points: Sequence[Point] | Array, radius: float = 0.0, closed: bool 
     if closed and arcs[0] is not None:
         pieces.append(arcs[0])
     return joined(pieces, closed)
+
+
+def _too_near(k: int, m: int, radius: float) -> PathShapeError:
+    return PathShapeError(
+        f"line: points {k + 1} and {m + 1} are too near to be rounded by {radius:g} m; give a smaller radius"
+    )
 
 
 def _rounding(points: list[Array], k: int, radius: float) -> SpacePath | None:
@@ -158,6 +165,9 @@ def _rounding(points: list[Array], k: int, radius: float) -> SpacePath | None:
     if angle > math.pi - 1e-3:
         raise PathShapeError(f"line: it turns back at point {k + 1}, which no radius rounds; stop there")
     tip = radius * math.tan(angle / 2.0)
+    if tip > min(sizes) + SAME_PLACE:  # before its nodes are made: there may be any number of them
+        first = k - 1 if tip > sizes[0] + SAME_PLACE else k
+        raise _too_near(first % len(points), (first + 1) % len(points), radius)
     inward = (d1 - d0 * math.cos(angle)) / math.sin(angle)
     begin = here - tip * d0
     n = max(2, math.ceil(radius * angle / STEP) + 1)
@@ -174,6 +184,7 @@ def joined(pieces: Sequence[SpacePath], closed: bool = False) -> SpacePath:
         raise PathShapeError("path: it has no pieces; expected at least one")
     if len(pieces) == 1 and pieces[0].closed:
         return pieces[0]
+    require_length(math.fsum(piece.length for piece in pieces))
     last = len(pieces) - 1
     for k, piece in enumerate(pieces):
         if piece.closed:

@@ -15,6 +15,7 @@ STEP = 0.01  # [m], between nodes
 SAME_PLACE = 1e-3  # [m]
 SAME_DIRECTION = np.radians(1.0)  # [rad]; a larger change of direction is a corner
 MOST_NODES = 200_000
+_TIP = 1e-4  # [m]; a smaller radius is none: the curve comes to a tip
 _GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(8)
 
 Curve = Callable[[Array], tuple[Array, Array, Array]]
@@ -23,6 +24,16 @@ Curve = Callable[[Array], tuple[Array, Array, Array]]
 
 class PathShapeError(NoctuleError):
     """Numbers that make no path."""
+
+
+class PathLengthError(PathShapeError):
+    """A path so long that its nodes would not be kept."""
+
+
+def require_length(length: float) -> None:
+    """Refuse a length [m] beyond that of MOST_NODES nodes, before they are made; raises PathLengthError."""
+    if not length <= MOST_NODES * STEP:
+        raise PathLengthError(f"path: it is {length:.0f} m long; expected at most {MOST_NODES * STEP:.0f} m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,8 +153,7 @@ def of_curve(curve: Curve, begin: float, end: float, pieces: int, closed: bool =
     total = float(lengths[-1])
     if not (np.isfinite(total) and total > SAME_PLACE):
         raise PathShapeError(f"path: it is {total:g} m long; expected more than {SAME_PLACE:g} m")
-    if total / STEP > MOST_NODES:
-        raise PathShapeError(f"path: it is {total:.0f} m long; expected at most {MOST_NODES * STEP:.0f} m")
+    require_length(total)
     s = np.linspace(0.0, total, max(2, int(np.ceil(total / STEP)) + 1))
     u = np.interp(s, lengths, breaks)
     for _ in range(4):
@@ -157,7 +167,8 @@ def of_curve(curve: Curve, begin: float, end: float, pieces: int, closed: bool =
     t = d1 / rate
     flips = np.flatnonzero((t[:-1] * t[1:]).sum(axis=1) < 0.5)
     if flips.size:
-        raise _back_on_itself(p[int(flips[0])])
+        i = int(flips[0])
+        raise _too_tight(p[i], *curve(np.linspace(u[i], u[i + 1], 65))[1:])
     bend = (d2 - (d2 * t).sum(axis=1, keepdims=True) * t) / rate**2
     return SpacePath(s, p, t, bend, closed)
 
@@ -166,6 +177,22 @@ def _back_on_itself(p: Array) -> PathShapeError:
     x, y, z = p
     return PathShapeError(
         f"path: the curve turns back on itself at ({x:.2f}, {y:.2f}, {z:.2f}); lead it around"
+    )
+
+
+def _too_tight(p: Array, d1: Array, d2: Array) -> PathShapeError:
+    """Return what is wrong behind p (3,), where the direction turns by 60 deg within a step or more.
+
+    `d1` and `d2` (m, 3) are the curve's derivatives there.
+    """
+    rate, across = np.linalg.norm(d1, axis=1), np.linalg.norm(np.cross(d1, d2), axis=1)
+    radius = float((rate**3 / np.maximum(across, 1e-12)).min())
+    if not _TIP <= radius <= STEP:
+        return _back_on_itself(p)
+    x, y, z = p
+    return PathShapeError(
+        f"path: the curve at ({x:.2f}, {y:.2f}, {z:.2f}) has a radius of {radius:.4f} m, too tight to be "
+        f"flown; make it wider than {STEP:g} m"
     )
 
 
