@@ -1,10 +1,17 @@
 """Paths in space: their shapes, how fast and with which heading they are flown, and the nearest point."""
 
+from noctule.control.paths.duration import duration
 from noctule.control.paths.heading import AlongPath, FacePoint, FixedHeading, GivenHeading, TurnSettings
 from noctule.control.paths.nearest import nearest, nearest_anywhere
 from noctule.control.paths.plan import PathPlan, Stop, StopError, loc_1, loc_2, loc_3, plan, with_headings
 from noctule.control.paths.shapes import PathJoinError, arc, eight, ellipse, joined, line, polyline
-from noctule.control.paths.space_path import PathPoint, PathShapeError, SpacePath
+from noctule.control.paths.space_path import (
+    PathLengthError,
+    PathPoint,
+    PathShapeError,
+    SpacePath,
+    require_length,
+)
 from noctule.control.paths.speed import PathCurvatureError, PathSpeedError, SpeedSettings
 from noctule.control.paths.splines import spline
 
@@ -15,6 +22,7 @@ __all__ = [
     "GivenHeading",
     "PathCurvatureError",
     "PathJoinError",
+    "PathLengthError",
     "PathPlan",
     "PathPoint",
     "PathShapeError",
@@ -25,6 +33,7 @@ __all__ = [
     "StopError",
     "TurnSettings",
     "arc",
+    "duration",
     "eight",
     "ellipse",
     "joined",
@@ -36,6 +45,7 @@ __all__ = [
     "nearest_anywhere",
     "plan",
     "polyline",
+    "require_length",
     "spline",
     "with_headings",
 ]

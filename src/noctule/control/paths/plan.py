@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from noctule.control.paths.duration import duration
 from noctule.control.paths.heading import (
     AlongPath,
     FixedHeading,
@@ -40,12 +41,24 @@ class Stop:
     keep_yaw: bool = True  # also fly on with it; otherwise the rule holds again after the stop
 
     def __post_init__(self) -> None:
-        """Refuse a stop that is nowhere."""
+        """Refuse a stop that is nowhere, or does not do what it says."""
         if (self.time is None) == (self.s is None):
             raise StopError("stop: give either its time or its place s")
         numbers = [v for v in (self.seconds, self.time, self.s, self.turn_after) if v is not None]
         if not all(math.isfinite(v) and v >= 0.0 for v in numbers):
             raise StopError(f"stop: its times and places are {numbers}; expected numbers, none below 0")
+        if self.time is not None and self.seconds == 0.0:
+            raise StopError("stop: seconds is 0 at a time; expected more than 0")
+        if self.turn_after > self.seconds:
+            raise StopError(
+                f"stop: turn_after = {self.turn_after:g} s is beyond its end at {self.seconds:g} s; "
+                "turn earlier or stop longer"
+            )
+        if self.yaw is not None and not self.keep_yaw and self.turn_after == self.seconds:
+            raise StopError(
+                f"stop: it turns at its end at {self.seconds:g} s and does not keep the heading; "
+                "turn earlier or keep it"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +116,20 @@ def plan(
                 f"stop: s = {stop.s:.2f} m is beyond the end of the path at {made.total:.2f} m; stop earlier"
             )
     _check_corners(made)
+    if timed:
+        _check_times(made)
     return made
+
+
+def _check_times(plan: PathPlan) -> None:
+    """Raise StopError for a stop at a time when the end has been reached."""
+    seconds = duration(plan)
+    for stop in plan.timed:
+        if stop.time is not None and stop.time > seconds:
+            raise StopError(
+                f"stop: time = {stop.time:g} s is after the end of the path, which is reached after about "
+                f"{seconds:.1f} s; stop earlier"
+            )
 
 
 def _check_corners(plan: PathPlan) -> None:

@@ -12,10 +12,9 @@ from noctule.control.paths.heading import TurnReference, heading_at
 from noctule.control.paths.nearest import foot, foot_speed
 from noctule.control.paths.plan import PathPlan, Stop
 from noctule.control.paths.space_path import PathPoint
-from noctule.control.paths.speed import approach_speed, braking_distance
+from noctule.control.paths.speed import CAPTURE, approach_speed, braking_distance
 from noctule.geometry import Array
 
-CAPTURE = 0.03  # [m]; a stop this near is held as a point
 ARRIVED = 0.06  # [m]; a stop at a place begins this near to it
 _AHEAD = 0.15  # [m/s]; how far the allowed speed may rise above what is flown
 
@@ -31,6 +30,15 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True)
+class Begun:
+    """A stop that has begun and is not over."""
+
+    stop: Stop
+    since: float  # [s]: its time, or when the vehicle arrived at its place
+    turned: bool = False  # its change of heading has been made
+
+
+@dataclass(frozen=True, slots=True)
 class Progress:
     """How far a plan has been flown."""
 
@@ -39,19 +47,18 @@ class Progress:
     floor: float = 0.0  # [m], the last stop passed: there is no way back beyond it
     allowed: float = 0.0  # [m/s], by the acceleration since the last stop
     speed: float = 0.0  # [m/s], v_d
-    stop: Stop | None = None  # the one being flown to or held; None on the way and at the end
-    gate: float = math.inf  # [m], where that is
-    holding: bool = False
-    since: float | None = None  # [s], when the stop being held began
+    gate: float = math.inf  # [m], where it next comes to a stop
+    holding: bool = False  # the point at the gate
+    begun: tuple[Begun, ...] = ()  # it is held until all of them are over
     arrived: bool = False  # at the end of the plan
-    timed: int = 0  # stops that have begun or passed
-    placed: int = 0
+    timed: int = 0  # stops at a time that have begun or passed
+    placed: int = 0  # stops at a place that are over
     yaw: float | None = None  # [rad], takes the place of the plan's rule
 
 
 def begin(plan: PathPlan, turn: TurnReference) -> Progress:
     """Return the progress at the beginning of a plan, the wanted heading being as it is."""
-    return _next_gate(plan, Progress(turn))
+    return Progress(turn, gate=_next_gate(plan, 0))
 
 
 def advance(
@@ -70,7 +77,7 @@ def advance(
         flown = foot_speed(point.position, point.tangent, point.curvature, x)
     else:
         point, flown = foot(path, x, now.s, now.floor, now.gate)
-    now = _begin_timed(plan, now, point.s, flown, t)
+    now = _begin_timed(plan, now, point.s, flown, t, dt)
     if not now.holding and now.gate - point.s <= CAPTURE:
         now = replace(now, holding=True, s=now.gate, speed=0.0, allowed=0.0)
         point = path.at(now.gate)
@@ -154,56 +161,63 @@ def _turned(plan: PathPlan, now: Progress, point: PathPoint, speed: float, dt: f
     return now.turn.step(yaw, per_metre * speed, dt, plan.turning)
 
 
-def _next_gate(plan: PathPlan, now: Progress) -> Progress:
-    """Look out for the next stop at a place, or for the end."""
-    if now.placed < len(plan.placed):
-        stop = plan.placed[now.placed]
-        return replace(now, stop=stop, gate=stop.s or 0.0)
-    return replace(now, stop=None, gate=plan.total)
+def _next_gate(plan: PathPlan, placed: int) -> float:
+    """Return where [m] the next stop at a place is, or the end, when so many of them are over."""
+    return plan.placed[placed].s or 0.0 if placed < len(plan.placed) else plan.total
 
 
-def _begin_timed(plan: PathPlan, now: Progress, s: float, flown: float, t: float) -> Progress:
-    """Begin a stop whose time has come: as far ahead as it takes to brake."""
-    if now.timed >= len(plan.timed) or t < (plan.timed[now.timed].time or 0.0):
-        return now
-    stop = plan.timed[now.timed]
-    now = replace(now, timed=now.timed + 1)
-    if t >= (stop.time or 0.0) + stop.seconds:
-        return now
-    if now.holding:  # stopped already: it only lasts longer
-        return replace(now, stop=stop, since=stop.time)
-    gate = min(now.gate, s + braking_distance(flown, plan.speed))
-    return replace(now, stop=stop, gate=gate, since=stop.time)
+def _begin_timed(plan: PathPlan, now: Progress, s: float, flown: float, t: float, dt: float) -> Progress:
+    """Begin the stops whose time has come: as far ahead as it takes to brake, or where it stops already."""
+    while now.timed < len(plan.timed) and t >= (plan.timed[now.timed].time or 0.0):
+        stop = plan.timed[now.timed]
+        now = replace(now, timed=now.timed + 1)
+        since = stop.time or 0.0
+        if t - dt >= since + stop.seconds:  # over before the last tick
+            continue
+        gate = now.gate
+        if not now.holding and not now.begun:
+            gate = min(gate, s + braking_distance(flown, plan.speed))
+        now = replace(now, begun=(*now.begun, Begun(stop, since)), gate=gate)
+    return now
 
 
 def _arrival(plan: PathPlan, now: Progress, x: Array, point: PathPoint, t: float) -> Progress:
     """Note the arrival at a stop or the end, and turn when it is time to."""
     if now.holding and not now.arrived and float(np.linalg.norm(x[:3] - point.position)) <= ARRIVED:
-        if now.stop is None:
+        if now.placed < len(plan.placed) and _next_gate(plan, now.placed) <= now.gate:
+            # Those at the same place come one after the other.
+            if all(begun.stop.s is None for begun in now.begun):
+                now = replace(now, begun=(*now.begun, Begun(plan.placed[now.placed], t)))
+        elif now.gate >= plan.total and not now.begun:
             now = replace(now, arrived=True)
-        elif now.since is None:
-            now = replace(now, since=t)
-    stop = now.stop
-    if (
-        stop is not None
-        and stop.yaw is not None
-        and now.since is not None
-        and t - now.since >= stop.turn_after
-    ):
-        now = replace(now, yaw=stop.yaw)
-    return now
+    return _at_their_time(now, t) if now.begun else now
+
+
+def _at_their_time(now: Progress, t: float) -> Progress:
+    """Turn for the stops that ask for it by now, and end those that are over."""
+    events: list[tuple[float, bool, float | None]] = []  # when, a turn rather than an end, the heading
+    left: list[Begun] = []
+    placed = now.placed
+    for begun in now.begun:
+        stop, into = begun.stop, t - begun.since
+        if stop.yaw is not None and not begun.turned and into >= stop.turn_after:
+            events.append((begun.since + stop.turn_after, True, stop.yaw))
+            begun = replace(begun, turned=True)
+        if into < stop.seconds:
+            left.append(begun)
+            continue
+        placed += stop.s is not None
+        if not stop.keep_yaw:
+            events.append((begun.since + stop.seconds, False, None))
+    yaw = max(events, key=lambda event: event[:2])[2] if events else now.yaw
+    return replace(now, begun=tuple(left), placed=placed, yaw=yaw)
 
 
 def _release(plan: PathPlan, now: Progress, t: float) -> Progress:
-    """Go on when a stop is over."""
-    stop = now.stop
-    if stop is None or now.since is None or t - now.since < stop.seconds:
+    """Go on when all stops here are over."""
+    if now.begun:
+        now = _at_their_time(now, t)
+    gate = _next_gate(plan, now.placed)
+    if now.begun or gate <= now.gate:
         return now
-    placed = now.placed
-    while placed < len(plan.placed) and (plan.placed[placed].s or 0.0) <= now.gate + CAPTURE:
-        placed += 1
-    yaw = now.yaw if stop.keep_yaw else None
-    now = replace(
-        now, holding=False, since=None, floor=now.gate, placed=placed, yaw=yaw, allowed=0.0, s=now.gate
-    )
-    return _next_gate(plan, now)
+    return replace(now, holding=False, floor=now.gate, allowed=0.0, s=now.gate, gate=gate)

@@ -13,6 +13,8 @@ from noctule.geometry import Array
 from noctule.messages import Limits
 from noctule.settings import Settings
 
+CAPTURE = 0.03  # [m]; a stop this near is held as a point
+
 
 class PathSpeedError(PathShapeError):
     """A speed that the vehicle, or the path's own limits, do not allow at a place."""
