@@ -17,6 +17,7 @@ from noctule.control.paths import (
     nearest_anywhere,
 )
 from noctule.control.paths.heading import heading_at
+from noctule.flight.space_path_entries import SpacePathEntries
 from noctule.flight.space_path_file import SpacePathFileError, read_space_path
 from noctule.messages import Limits
 
@@ -166,7 +167,7 @@ def test_headings_stay_with_their_waypoints_where_the_path_crosses_itself():
 
 def test_mistakes_in_waypoints_name_the_line_and_the_column():
     assert fails("x,y,z\n0,0,1\n\n1,zero,1\n", "way.csv") == (
-        "way.csv:4: y is 'zero'; expected a number, -3600 to 3600 [m]"
+        "way.csv:4: y is 'zero'; expected a number, -100 to 100 [m]"
     )
     assert fails("x,y,z,yaw\n0,0,1,inf\n1,0,1,0\n", "way.csv") == (
         "way.csv:2: yaw is 'inf'; expected a number, -3600 to 3600 [rad]"
@@ -232,6 +233,63 @@ def test_what_cannot_be_flown_is_refused_with_the_place():
         "path.toml: path: 0.70 m/s at s = 0.00 m (0.08, 0.10, 1.30) is 0.70 m/s of level flight, "
     )
     assert fails("laps = 2\n" + corner.replace("[[seg", "[[seg")).endswith("and this one has two ends")
+
+
+MILLIMETRES = "are these millimetres? lengths are in metres"
+
+
+def test_millimetres_are_told_from_metres():
+    points = '[[segments]]\nkind = "spline"\npoints = {}\n'
+    assert fails(points.format("[[0,0,100],[1000,0,100],[1000,1000,120]]")) == (
+        f"path.toml:1: segments[0]: path: it is 2061 m long; expected at most 2000 m; {MILLIMETRES}"
+    )
+    assert fails(points.format("[[0,0,100],[110,0,100]]")) == (
+        "path.toml:1: segments[0]: path: it leads to (110.00, 0.00, 100.00); "
+        f"expected x, y, z from -100 to 100 m; {MILLIMETRES}"
+    )
+    assert fails("x,y,z\n0,0,1\n1000,0,1\n", "way.csv") == (
+        f"way.csv:3: x is '1000'; expected a number, -100 to 100 [m]; {MILLIMETRES}"
+    )
+    ring = '[[segments]]\nkind = "ellipse"\ncentre = [0, 0, 1200]\nhalf_axes = [4500, 3000]\n'
+    assert fails(ring).endswith(MILLIMETRES)
+    assert read(points.format("[[0,0,1],[99,0,1]]")).path.length == pytest.approx(99.0)
+    # Long but near: the number of turns is wrong, not the unit.
+    near = (
+        '[[segments]]\nkind = "line"\npoints = ['
+        + ",".join(f"[{20 * (k % 2)},0,1]" for k in range(150))
+        + "]\n"
+    )
+    assert fails(near) == "path.toml:1: segments[0]: path: it is 2980 m long; expected at most 2000 m"
+
+
+def test_pieces_that_are_too_long_together_are_refused_at_the_first_too_many():
+    piece = '[[segments]]\nkind = "line"\npoints = [[{},0,1],[{},0,1]]\n'
+    text = "".join(piece.format(*((0, 45) if k % 2 == 0 else (45, 0))) for k in range(60))
+    assert fails(text) == ("path.toml:133: segments[44]: path: it is 2025 m long; expected at most 2000 m")
+
+
+def test_stops_and_laps_that_contradict_themselves_name_their_line():
+    late = EIGHT.replace("turn_after = 4", "turn_after = 40")
+    assert fails(late).endswith(
+        "stops[0]: turn_after = 40 s is beyond its end at 30 s; turn earlier or stop longer"
+    )
+    assert fails(
+        EIGHT.replace("seconds = 30", "seconds = 0").replace("turn_after = 4", "turn_after = 0")
+    ).endswith("stops[0]: seconds is 0 at a time; expected more than 0")
+    assert fails("laps = 3\n" + EIGHT) == (
+        "path.toml: endless = true and laps = 3 contradict each other; give one of them"
+    )
+    assert fails(EIGHT.replace("endless = true", "laps = 1")).startswith(
+        "path.toml: stop: time = 40 s is after the end"
+    )
+    assert read(EIGHT.replace("endless = true", "laps = 4")).laps == 4
+    # Recordings of before hold every field.
+    assert (
+        SpacePathEntries.model_validate_json(
+            '{"endless": true, "laps": 1, "segments": [{"kind": "line", "points": [[0, 0, 1], [1, 0, 1]]}]}'
+        ).rounds
+        is None
+    )
 
 
 def test_files_that_cannot_be_read_are_told_apart(tmp_path):

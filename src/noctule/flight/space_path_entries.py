@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
-from noctule.control.paths import SpeedSettings, TurnSettings
+from noctule.control.paths import SpeedSettings, Stop, StopError, TurnSettings
 from noctule.settings import Settings
 
 Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Place = tuple[Metres, Metres, Metres]
+# A path in millimetres is still read, to be told from a slip of the pen.
+Length = Annotated[float, Field(ge=-1e6, le=1e6)]
+Node = tuple[Length, Length, Length]
 Degrees = Annotated[float, Field(ge=-3600.0, le=3600.0)]
 _NEEDED = {
     "line": ("points",),
@@ -33,18 +36,18 @@ class SegmentEntry(Settings):
     """A piece of the path."""
 
     kind: Literal["line", "arc", "ellipse", "eight", "spline"] = Field(description="its shape")
-    points: tuple[Place, ...] | None = Field(
+    points: tuple[Node, ...] | None = Field(
         None, min_length=2, max_length=2000, description="line, spline: x, y, z of each point [m]"
     )
     radius: float | None = Field(
-        None, gt=0.0, le=1000.0, description="arc: its radius; line: that of rounded corners [m]"
+        None, gt=0.0, le=1e6, description="arc: its radius; line: that of rounded corners [m]"
     )
-    centre: Place | None = Field(None, description="arc, ellipse, eight: x, y, z [m]")
-    half_axes: tuple[Metres, Metres] | None = Field(None, description="ellipse, eight: along x and y [m]")
-    rise: Metres | None = Field(None, description="ellipse, eight: half of the height it moves through [m]")
+    centre: Node | None = Field(None, description="arc, ellipse, eight: x, y, z [m]")
+    half_axes: tuple[Length, Length] | None = Field(None, description="ellipse, eight: along x and y [m]")
+    rise: Length | None = Field(None, description="ellipse, eight: half of the height it moves through [m]")
     begin_deg: Degrees | None = Field(None, description="arc: from the centre to its first point [deg]")
     sweep_deg: Degrees | None = Field(None, description="arc: how far around, counterclockwise [deg]")
-    climb: Metres | None = Field(None, description="arc: height gained [m]")
+    climb: Length | None = Field(None, description="arc: height gained [m]")
     cruise: float | None = Field(None, gt=0.0, le=5.0, description="speed on this piece [m/s]")
 
     @model_validator(mode="after")
@@ -87,28 +90,44 @@ class StopEntry(Settings):
     keep_yaw: bool = Field(True, description="fly on with that heading; false: by the rule again")
 
     @model_validator(mode="after")
-    def _somewhere(self) -> Self:
-        if (self.time is None) == (self.s is None):
-            raise ValueError("give either its time or its place s")
+    def _makes_a_stop(self) -> Self:
+        try:
+            self.stop()
+        except StopError as error:
+            raise ValueError(str(error).removeprefix("stop: ")) from None
         return self
 
-    @property
-    def yaw(self) -> float | None:
-        """The heading to turn to [rad]."""
-        return None if self.yaw_deg is None else math.radians(self.yaw_deg)
+    def stop(self) -> Stop:
+        """Return it as the plan has it. Raises StopError."""
+        yaw = None if self.yaw_deg is None else math.radians(self.yaw_deg)
+        return Stop(self.seconds, self.time, self.s, yaw, self.turn_after, self.keep_yaw)
 
 
 class SpacePathEntries(Settings):
     """A path file."""
 
     closed: bool = Field(False, description="the last piece leads back to the first")
-    laps: int | None = Field(1, ge=1, le=1000, description="times around a closed path")
+    laps: int | None = Field(
+        None, ge=1, le=1000, description="times around a closed path; left out, once, or endless"
+    )
     endless: bool = Field(False, description="around a closed path until the flight ends")
     speed: SpeedSettings = SpeedSettings()
     turning: TurnSettings | None = Field(None, description="how the wanted heading moves")
     heading: HeadingEntry = HeadingEntry()
     stops: tuple[StopEntry, ...] = Field((), max_length=1000)
     segments: tuple[SegmentEntry, ...] = Field(min_length=1, max_length=1000, description="pieces, in order")
+
+    @model_validator(mode="after")
+    def _ends_or_not(self, info: ValidationInfo) -> Self:
+        # Recordings (JSON) of before laps could be left out hold endless paths with a lap.
+        if self.endless and self.laps is not None and (info.mode != "json" or self.laps > 1):
+            raise ValueError(f"endless = true and laps = {self.laps} contradict each other; give one of them")
+        return self
+
+    @property
+    def rounds(self) -> int | None:
+        """How often it is flown; None without an end."""
+        return None if self.endless else self.laps or 1
 
 
 def _a(kind: str) -> str:

@@ -16,10 +16,10 @@ from noctule.control.paths import (
     FacePoint,
     FixedHeading,
     PathJoinError,
+    PathLengthError,
     PathPlan,
     PathShapeError,
     SpacePath,
-    Stop,
     arc,
     eight,
     ellipse,
@@ -27,6 +27,7 @@ from noctule.control.paths import (
     nearest,
     plan,
     polyline,
+    require_length,
     spline,
     with_headings,
 )
@@ -39,6 +40,8 @@ from noctule.messages import Limits
 
 SUFFIXES = (".csv", ".toml")
 _HEADERS = (["x", "y", "z"], ["x", "y", "z", "yaw_deg"], ["x", "y", "z", "yaw"])
+_FARTHEST = 100.0  # [m] from the origin: indoors
+_MILLIMETRES = "are these millimetres? lengths are in metres"
 _EXPECTED = "expected x,y,z or x,y,z,yaw_deg (or yaw, in radians)"
 
 
@@ -99,6 +102,7 @@ def _of_csv(file: Path, text: str, limits: Limits | None) -> PathPlan:
         closed = len(values) > 3 and float(np.linalg.norm(values[-1, :3] - values[0, :3])) < 1e-3
         values = values[:-1] if closed else values
         path = spline(values[:, :3], closed)
+        _require_indoors(path)
         if len(names) == 3:
             return plan(path, limits=limits)
         yaw = values[:, 3] if names[3] == "yaw" else np.radians(values[:, 3])
@@ -119,10 +123,13 @@ def _numbers(file: Path, line: int, row: list[str], names: list[str]) -> list[fl
             value = float(cell)
         except ValueError:
             value = math.nan
-        if not abs(value) <= 3600.0:
+        most = _FARTHEST if name in "xyz" else 3600.0
+        if not abs(value) <= most:
             unit = "m" if name in "xyz" else "rad" if name == "yaw" else "deg"
+            hint = f"; {_MILLIMETRES}" if name in "xyz" and most < abs(value) < math.inf else ""
             raise SpacePathFileError(
-                f"{file}:{line}: {name} is {cell.strip()!r}; expected a number, -3600 to 3600 [{unit}]"
+                f"{file}:{line}: {name} is {cell.strip()!r}; "
+                f"expected a number, {-most:g} to {most:g} [{unit}]{hint}"
             )
         found.append(value)
     return found
@@ -166,10 +173,15 @@ def plan_of_entries(
 
     Raises SpacePathFileError.
     """
-    pieces = []
+    pieces: list[SpacePath] = []
     for k, entry in enumerate(entries.segments):
         try:
             pieces.append(_piece(entry, entries.closed and len(entries.segments) == 1))
+            _require_indoors(pieces[-1])
+            require_length(math.fsum(piece.length for piece in pieces))  # before the next one is made
+        except PathLengthError as error:
+            hint = f"; {_MILLIMETRES}" if _largest(entry) > 0.5 * _FARTHEST else ""
+            raise SpacePathFileError(f"{where(k)}: {error}{hint}") from None
         except PathShapeError as error:
             raise SpacePathFileError(f"{where(k)}: {error}") from None
     try:
@@ -178,8 +190,8 @@ def plan_of_entries(
             path,
             entries.speed,
             _heading(entries),
-            tuple(Stop(e.seconds, e.time, e.s, e.yaw, e.turn_after, e.keep_yaw) for e in entries.stops),
-            None if entries.endless else entries.laps,
+            tuple(entry.stop() for entry in entries.stops),
+            entries.rounds,
             turning=entries.turning,
             cruise=_cruise(entries, pieces, path),
             limits=limits,
@@ -189,6 +201,23 @@ def plan_of_entries(
     except PathShapeError as error:
         raise SpacePathFileError(f"{name}: {error}") from None
     return made
+
+
+def _require_indoors(path: SpacePath) -> None:
+    """Refuse a path with a coordinate beyond _FARTHEST; raises PathShapeError."""
+    farthest = np.abs(path.position).max(axis=1)
+    if farthest.max() > _FARTHEST + 1e-3:  # a node may be off by rounding
+        x, y, z = path.position[int(farthest.argmax())]
+        raise PathShapeError(
+            f"path: it leads to ({x:.2f}, {y:.2f}, {z:.2f}); "
+            f"expected x, y, z from {-_FARTHEST:g} to {_FARTHEST:g} m; {_MILLIMETRES}"
+        )
+
+
+def _largest(entry: SegmentEntry) -> float:
+    """Return the largest length [m] that stands in a segment."""
+    given = [v for point in entry.points or () for v in point] + [*(entry.centre or ())]
+    return max(map(abs, [*given, *(entry.half_axes or ()), entry.radius or 0.0]), default=0.0)
 
 
 def _piece(entry: SegmentEntry, closed: bool) -> SpacePath:
