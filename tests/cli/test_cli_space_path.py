@@ -41,7 +41,7 @@ def test_a_mistake_in_a_path_file_is_one_line(noctule, tmp_path):
     (tmp_path / "way.csv").write_text(WAY.replace("1,1,1.2", "1,1,high"))
     said = noctule("path", "show", "way.csv")
     assert said.code == 2
-    assert said.err == "noctule: way.csv:4: z is 'high'; expected a number, -3600 to 3600 [m]\n"
+    assert said.err == "noctule: way.csv:4: z is 'high'; expected a number, -100 to 100 [m]\n"
     assert not (tmp_path / "way.png").exists()
 
 
@@ -49,7 +49,10 @@ def test_a_folder_is_still_a_visual_path(noctule, tmp_path):
     (tmp_path / "walk.csv").mkdir()
     said = noctule("path", "show", "walk.csv")
     assert said.code == 2
-    assert "waypoint" not in said.err
+    assert said.err == (
+        "noctule: path walk.csv: the folder holds no path.toml; expected one that `noctule teach` made "
+        "(a path in space is a .csv or .toml file, no folder)\n"
+    )
 
 
 def test_words_name_laps_stops_and_speeds():
@@ -62,6 +65,25 @@ def test_words_name_laps_stops_and_speeds():
     assert in_words(figures_of(plan(line((0, 0, 1), (2, 0, 1))))) == (
         "2.00 m (one way), 0.30 m/s, height 1.00 to 1.00 m, 0 stops"
     )
+
+
+def test_every_stop_is_told_with_where_how_long_and_its_turn(noctule, tmp_path):
+    (tmp_path / "stops.toml").write_text(
+        "stops = [{ time = 3, seconds = 4 }, { s = 1, seconds = 2, yaw_deg = 90, turn_after = 1.5 },\n"
+        "  { s = 1.5, seconds = 1, yaw_deg = -30, keep_yaw = false }]\n"
+        '[[segments]]\nkind = "line"\npoints = [[0, 0, 1], [2, 0, 1]]\n'
+    )
+    assert noctule("path", "show", "stops.toml").out.splitlines()[1:-1] == [
+        "stop at s = 1.00 m (1.00, 0.00, 1.00): 2 s, turns to 90\N{DEGREE SIGN} after 1.5 s",
+        "stop at s = 1.50 m (1.50, 0.00, 1.00): 1 s, turns to -30\N{DEGREE SIGN}, then by the rule again",
+        "stop at 3 s: 4 s",
+    ]
+    found = noctule("path", "show", "stops.toml", "--json").last_json
+    assert found["stops"] == 3
+    assert [(stop["s_m"], stop["time_s"], stop["seconds"]) for stop in found["stop_list"]] == [
+        (1.0, None, 2.0), (1.5, None, 1.0), (None, 3.0, 4.0)
+    ]  # fmt: skip
+    assert found["stop_list"][0]["turn_deg"] == pytest.approx(90.0)
 
 
 def drawn(made):
@@ -81,6 +103,20 @@ def test_the_figure_shows_the_path_from_above_its_height_and_its_speed():
     assert "3 s" in words
     assert "9 to 14 s: stop, wherever it is then" in words
     assert top.get_aspect() == 1.0
+
+
+def test_stops_at_the_same_place_share_a_label():
+    def labels(*stops, laps=1):
+        path = loc_2().path if laps > 1 else line((0, 0, 1), (2, 0, 1))
+        return [t.get_text() for t in drawn(plan(path, stops=stops, laps=laps)).axes[0].texts]
+
+    words = labels(Stop(2.0, s=1.0), Stop(3.0, s=1.0), Stop(4.0, s=1.5))
+    assert "2 s + 3 s" in words
+    assert "4 s" in words
+    assert not {"2 s", "3 s"} & set(words)
+    lap = loc_2().path.length
+    assert "2 \N{MULTIPLICATION SIGN} 1 s" in labels(Stop(1.0, s=1.0), Stop(1.0, s=1.0 + lap), laps=2)
+    assert "and 2 more" in labels(*(Stop(0.1, time=0.5 * k) for k in range(1, 7)))[-1]
 
 
 def test_arrows_point_where_the_nose_does():

@@ -190,8 +190,8 @@ def test_a_picture_of_another_size_is_named(folder):
 
 def test_a_folder_without_a_path_is_one_fault(tmp_path):
     assert lines(tmp_path) == [
-        f"path file {tmp_path / 'path.toml'}: cannot be read (No such file or directory); "
-        "teach the path again"
+        f"path {tmp_path}: the folder holds no path.toml; expected one that `noctule teach` made "
+        "(a path in space is a .csv or .toml file, no folder)"
     ]
 
 

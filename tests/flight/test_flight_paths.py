@@ -189,7 +189,8 @@ def test_an_image_outside_the_folder_is_refused(folder):
 
 def test_a_folder_without_a_path_is_told(tmp_path):
     assert wrong(tmp_path) == (
-        f"path file {tmp_path}/path.toml: cannot be read (No such file or directory); teach the path again"
+        f"path {tmp_path}: the folder holds no path.toml; expected one that `noctule teach` made "
+        "(a path in space is a .csv or .toml file, no folder)"
     )
 
 

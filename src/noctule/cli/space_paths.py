@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from noctule.cli.show import as_json
 
 if TYPE_CHECKING:
-    from noctule.control.paths import PathPlan
+    from noctule.control.paths import PathPlan, Stop
 
 
 def show_space_path(file: Path, out: Path | None, json: bool) -> int:
@@ -23,7 +23,7 @@ def show_space_path(file: Path, out: Path | None, json: bool) -> int:
     if json:
         print(as_json({"path": file, **figures, "figure": picture}))
     else:
-        print(f"path {file}: {in_words(figures)}\nfigure: {picture}")
+        print("\n".join([f"path {file}: {in_words(figures)}", *stop_lines(plan), f"figure: {picture}"]))
     return 0
 
 
@@ -46,7 +46,34 @@ def figures_of(plan: PathPlan) -> dict[str, Any]:
         "smallest_radius_m": 1.0 / float(bend[at]) if bend[at] > 1e-9 else math.inf,
         "smallest_radius_at_m": float(path.s[at]),
         "stops": len(plan.placed) + len(plan.timed),
+        "stop_list": [_stop_figures(stop) for stop in (*plan.placed, *plan.timed)],
     }
+
+
+def _stop_figures(stop: Stop) -> dict[str, Any]:
+    return {
+        "s_m": stop.s,
+        "time_s": stop.time,
+        "seconds": stop.seconds,
+        "turn_deg": None if stop.yaw is None else math.degrees(stop.yaw),
+        "turn_after_s": None if stop.yaw is None else stop.turn_after,
+        "keep_yaw": stop.keep_yaw,
+    }
+
+
+def stop_lines(plan: PathPlan) -> list[str]:
+    """Return a line per stop: those at a place in their order, then those at a time."""
+    lines = []
+    for stop in (*plan.placed, *plan.timed):
+        where = f"at {stop.time:g} s" if stop.s is None else f"at {plan.path.place(stop.s)}"
+        words = [f"stop {where}: {stop.seconds:g} s"]
+        if stop.yaw is not None:
+            after = f" after {stop.turn_after:g} s" if stop.turn_after > 0.0 else ""
+            words.append(f"turns to {math.degrees(stop.yaw):.0f}\N{DEGREE SIGN}{after}")
+        if not stop.keep_yaw:
+            words.append("then by the rule again")
+        lines.append(", ".join(words))
+    return lines
 
 
 def in_words(figures: dict[str, Any]) -> str:

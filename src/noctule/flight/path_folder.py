@@ -155,6 +155,11 @@ def read_picture(folder: Path, entry: ImageEntry, camera: CameraEntry) -> NDArra
 
 def read_path_file(folder: Path) -> PathFile:
     """Return what path.toml of a path folder says; raises PathFolderError."""
+    if folder.is_dir() and not (folder / "path.toml").exists():
+        raise PathFolderError(
+            f"path {folder}: the folder holds no path.toml; expected one that `noctule teach` made "
+            "(a path in space is a .csv or .toml file, no folder)"
+        )
     file: PathFile = _read_toml(folder / "path.toml", PathFile)
     if file.format != FORMAT:
         raise PathFolderError(

@@ -26,6 +26,7 @@ from noctule.reports.style import (
 )
 
 _ARROWS = 24
+_TOLD = 4  # stops in words
 _MARGIN = 0.25  # [m]
 
 
@@ -74,20 +75,45 @@ def _draw_top(axis: Axes, plan: PathPlan) -> None:
     if not path.closed:
         axis.plot(*path.end.position[:2], "s", color=INK, ms=6.0, zorder=4)
     for stop in plan.placed:
-        px, py = path.at(stop.s or 0.0).position[:2].tolist()
-        axis.plot(px, py, "D", color=WARN, ms=6.0, zorder=4)
-        axis.annotate(
-            f"{stop.seconds:g} s", (px, py), (6, -12), textcoords="offset points", color=WARN, zorder=5
-        )
+        axis.plot(*path.at(stop.s or 0.0).position[:2], "D", color=WARN, ms=6.0, zorder=4)
+    for (px, py), seconds in _stop_labels(plan, size):
+        axis.annotate(_joined(seconds), (px, py), (6, -12), textcoords="offset points", color=WARN, zorder=5)
     words = [
         f"{stop.time:g} to {(stop.time or 0.0) + stop.seconds:g} s: stop, wherever it is then"
-        for stop in plan.timed[:4]
+        for stop in plan.timed[:_TOLD]
     ]
+    if len(plan.timed) > _TOLD:
+        words.append(f"and {len(plan.timed) - _TOLD} more")
     if words:
         axis.text(0.0, -0.16, "\n".join(words), transform=axis.transAxes, color=WARN, va="top", fontsize=9.0)
     axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
     axis.set_xlim(float(x.min()) - _MARGIN, float(x.max()) + _MARGIN)
     axis.set_ylim(float(y.min()) - _MARGIN, float(y.max()) + _MARGIN)
+
+
+def _stop_labels(plan: PathPlan, apart: float) -> list[tuple[tuple[float, float], list[float]]]:
+    """Return the x, y [m] of the labels of stops at places, and how long [s] each stop there is.
+
+    Those nearer than `apart` [m] to one before share its label: theirs would lie on each other.
+    """
+    found: list[tuple[tuple[float, float], list[float]]] = []
+    for stop in plan.placed:
+        px, py = plan.path.at(stop.s or 0.0).position[:2].tolist()
+        for (qx, qy), seconds in found:
+            if math.hypot(px - qx, py - qy) < apart:
+                seconds.append(stop.seconds)
+                break
+        else:
+            found.append(((px, py), [stop.seconds]))
+    return found
+
+
+def _joined(seconds: list[float]) -> str:
+    """Return the durations [s] of the stops at a place in words: 2 s + 3 s, or 3 x 2 s."""
+    if len(seconds) > 1 and len(set(seconds)) == 1:
+        return f"{len(seconds)} \N{MULTIPLICATION SIGN} {seconds[0]:g} s"
+    words = " + ".join(f"{v:g} s" for v in seconds[:_TOLD])
+    return words if len(seconds) <= _TOLD else f"{words} + {len(seconds) - _TOLD} more"
 
 
 def _draw_speed(axis: Axes, plan: PathPlan) -> None:
