@@ -25,7 +25,7 @@ def level(shape, deviation=12.0) -> Background:
 
 def test_a_drone_on_the_floor_is_measured_by_means_and_not_by_single_frames():
     room, background = stage(False)
-    flight = manual_flight(3, 20.0, 6.0, CeilingSpec())
+    flight = manual_flight(3, 30.0, 2.0, CeilingSpec())
     samples = [(room.frame(100.0 + stamp, pose), pose) for stamp, pose in flight]
     template = build_template(samples, background.nearest, CEILING_CAMERA)
     true = np.array([0.1, -0.7, 0.05])
