@@ -65,11 +65,18 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class DepthFrame:
-    """What an RGB-D camera saw: depth and, registered to it, colour."""
+    """What an RGB-D camera saw: depth and, registered to it, colour. The depth cannot be written to."""
 
     stamp: float  # [s], exposure
     depth: NDArray[np.uint16]  # (height, width) [mm] along the optical axis, 0 where there is none
     colour: NDArray[np.uint8] | None = None  # (height, width, 3) RGB, pixel for pixel as the depth
+
+    def __post_init__(self) -> None:
+        # Compiled code is compiled anew for each memory layout and for what may be written to: one kind of
+        # frame, whatever it was read from, so that what was compiled before a flight serves in it.
+        depth = np.ascontiguousarray(self.depth).view()
+        depth.setflags(write=False)
+        object.__setattr__(self, "depth", depth)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -63,6 +65,44 @@ def flown(tmp_path_factory):
     return fly_mission(
         parse_mission(MISSION, "short.toml"), 3, tmp_path_factory.mktemp("located"), None, False
     )
+
+
+COMPILING = """
+import gc, sys
+from pathlib import Path
+from numba.core.dispatcher import Dispatcher
+from noctule.control.paths import nearest_anywhere
+from noctule.flight import fly_mission, mission_flight, parse_mission
+
+def versions():
+    made = (d for d in gc.get_objects() if isinstance(d, Dispatcher))
+    flown = (d for d in made if ".simulation." not in d.py_func.__module__)
+    return {d.py_func.__qualname__: len(d.signatures) for d in flown}
+
+def prepare(*args):
+    made = mission_flight_prepare(*args)
+    nearest_anywhere(made.plan.path, made.plan.path.position[0])  # what the judge compiles is no tick's
+    before.update(versions())
+    return made
+
+before = {}
+mission_flight_prepare, mission_flight.prepare_located = mission_flight.prepare_located, prepare
+text, site, out = sys.argv[1:]
+mission = parse_mission(text, "short.toml")
+mission = mission.model_copy(update={"ceiling": mission.ceiling.model_copy(update={"site": Path(site)})})
+flight = fly_mission(mission, 3, Path(out), None, False)
+assert flight.summary["outcome"] == "reached" and sum(before.values()) > 20, before
+late = {name: count for name, count in versions().items() if count != before[name]}
+assert not late, late
+"""
+
+
+def test_no_tick_of_a_flight_has_anything_left_to_compile(flown, tmp_path):
+    site = flown.recording.parent / "site"
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILING, MISSION, str(site), str(tmp_path)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def below(site, text=""):

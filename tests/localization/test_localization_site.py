@@ -340,8 +340,9 @@ def frame(depth: np.ndarray) -> DepthFrame:
 
 def test_frames_are_straightened_where_the_lens_bends():
     depth = np.arange(256, dtype=np.uint16).reshape(16, 16) + 1000
-    (same_frame,) = straightened([frame(depth)], SiteCamera(SMALL))
-    assert same_frame.depth is depth
+    seen = frame(depth)
+    (same_frame,) = straightened([seen], SiteCamera(SMALL))
+    assert same_frame is seen
     (straight,) = straightened([frame(depth)], SiteCamera(SMALL, Lens(-0.3)))
     assert straight.stamp == 1.5
     assert straight.depth.dtype == np.uint16
@@ -353,5 +354,6 @@ def test_frames_are_straightened_where_the_lens_bends():
     "depth", [np.ones((8, 16), np.uint16), np.ones((16, 16), np.float32), np.ones((16, 16, 3), np.uint16)]
 )
 def test_frames_of_no_such_camera_are_left_for_the_health_check_to_name(depth):
-    (left,) = straightened([frame(depth)], SiteCamera(SMALL, Lens(-0.3)))
-    assert left.depth is depth
+    seen = frame(depth)
+    (left,) = straightened([seen], SiteCamera(SMALL, Lens(-0.3)))
+    assert left is seen

@@ -16,6 +16,7 @@ from noctule.localization.stopping import to_body, window
 from noctule.localization.stops import BOTTOM, LAYER, LAYERS, NoseOrTail, Stops
 from noctule.localization.template import Template, TemplateError
 from noctule.localization.tracker import turned
+from noctule.messages import DepthFrame
 
 N, CELL = 60, 0.01
 NEAREST = floor_threshold(CAMERA)
@@ -70,8 +71,8 @@ def test_a_flank_is_seen_where_rays_come_from_the_side():
 
 
 def test_what_was_not_read_and_what_something_hides_is_not_counted():
-    for frame in (cast(CAMERA, (Thing(HOME, TRAY),)), cast(CAMERA)):
-        frame.depth[:] = 0
+    for seen in (cast(CAMERA, (Thing(HOME, TRAY),)), cast(CAMERA)):
+        frame = DepthFrame(seen.stamp, np.zeros_like(seen.depth))
         nothing = Stops.of_samples([(frame, HOME)], NEAREST, CAMERA, CELL, N)
         assert nothing.hits.sum() + nothing.passes.sum() == 0.0
     lid = Thing(Pose(HOME.position + np.array([0.0, 0.0, 0.4]), HOME.yaw), TRAY)

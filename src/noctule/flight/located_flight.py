@@ -20,6 +20,7 @@ from noctule.geometry import Pose
 from noctule.localization.sensors_file import SENSORS, load_sensors, save_sensors
 from noctule.localization.site import Site, load_site, locator_of, save_site
 from noctule.messages import FlightState, Observation, VehicleState
+from noctule.pilots import path_follower
 from noctule.pilots.located import LocatedPilot
 from noctule.pilots.located_factory import make_located_pilot
 from noctule.simulation.ceiling import DepthStage, Motion
@@ -96,6 +97,7 @@ def located_pilot(mission: Mission, plan: PathPlan, site: Site, sensors: Sensors
 
 def _warm_up(mission: Mission, site: Site, sensors: Sensors, plan: PathPlan) -> None:
     """Show a pilot that is then thrown away a drone: no tick of the flight compiles code."""
+    path_follower.warm_up()
     pilot = located_pilot(mission, plan, site, sensors)
     pilot.settings = pilot.settings.model_copy(
         update={"doubt": pilot.settings.doubt.model_copy(update={"search_poses": 1})}

@@ -57,9 +57,8 @@ class DepthShutter:
             frame = self._stage_at(stamp).frame(
                 stamp, pose, things_at(self._motions, stamp), self._spec.colour
             )
-            for pixels in (frame.depth, frame.colour):
-                if pixels is not None:
-                    pixels.setflags(write=False)
+            if frame.colour is not None:
+                frame.colour.setflags(write=False)
             self._drawn = (number, frame)
         return self._drawn[1]
 
