@@ -140,11 +140,11 @@ class Locator:
             )
         if found.relief > s.max_relief:
             return f"another shape: surface misfit {found.relief:.2f}, expected at most {s.max_relief:.2f}"
-        P = expected.covariance
-        jump = float(np.linalg.norm(found.pose.position - expected.pose.position))
+        jump = math.dist(found.pose.position.tolist(), expected.pose.position.tolist())
         turn = abs(wrap_angle(found.pose.yaw - expected.pose.yaw))
-        far = _JUMP + _SIGMAS * math.sqrt(float(P[:3, :3].trace()))
-        round_ = _TURN + _SIGMAS * math.sqrt(float(P[3, 3]))
+        *place, heading = expected.covariance.diagonal().tolist()
+        far = _JUMP + _SIGMAS * math.sqrt(sum(place))
+        round_ = _TURN + _SIGMAS * math.sqrt(heading)
         if jump > far or turn > round_:
             return (
                 f"jump: {jump:.2f} m and {math.degrees(turn):.0f} deg from where it must be, at most "

@@ -23,7 +23,7 @@ def slanted(slant: float, eye: Array, position: Array) -> Array:
     most. Below one half near and far side are off alike. `eye` (3,) is the camera's place; the slope is from
     straight down.
     """
-    x, y, z = position - eye
+    x, y, z = (position - eye).tolist()
     slope_x, slope_y = x / max(-z, _CLOSEST), y / max(-z, _CLOSEST)
     slope = math.hypot(slope_x, slope_y)
     along = slant * min(slope, 1.0) ** 3 / max(slope, 1e-9)

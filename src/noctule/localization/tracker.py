@@ -53,8 +53,11 @@ class Track:
             _LEVELLING * self.pose.pitch,
         )
         reach = 0.01 + 0.5 * _ACCELERATION * dt**2
-        turn = 0.02 + 0.5 * _YAW_ACCELERATION * dt**2
-        return Prediction(pose, np.diag([reach**2, reach**2, reach**2, min(turn, math.pi) ** 2]))
+        turn = min(0.02 + 0.5 * _YAW_ACCELERATION * dt**2, math.pi)
+        covariance = np.zeros((4, 4))
+        covariance[0, 0] = covariance[1, 1] = covariance[2, 2] = reach**2
+        covariance[3, 3] = turn**2
+        return Prediction(pose, covariance)
 
     def follow(self, stamp: float, found: Registration) -> Track:
         """Return the track after the drone was found at `stamp` [s], the half turn decided anew."""
@@ -62,7 +65,7 @@ class Track:
         expected = self.predict(stamp).pose
         gain = _GAIN / dt
         velocity = self.velocity + gain * (found.pose.position - expected.position)
-        speed = float(np.linalg.norm(velocity))
+        speed = math.hypot(*velocity.tolist())
         velocity = velocity * min(1.0, _FASTEST / max(speed, 1e-9))
         yaw_rate = self.yaw_rate + gain * wrap_angle(found.pose.yaw - expected.yaw)
         half_turn, around = self.half_turn.add(found.half_turn)
