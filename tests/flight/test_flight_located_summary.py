@@ -24,14 +24,18 @@ class Flown:
 
     def __init__(self) -> None:
         self.samples = Samples()
+        self.begun: float | None = None
 
     def tick(self, phase, true=(0.0, 0.0, 1.0), yaw=0.0, held=None, wanted=None, doubt=Doubt.SURE, seen=True):
         stamp = DT * len(self.samples.times)
         held = np.array(true if held is None else held, dtype=float)
         wanted = np.array([*(true if wanted is None else wanted), 0.0], dtype=float)
+        if phase in ("follow", "stop") and self.begun is None:
+            self.begun = stamp
         known = Whereabouts(
-            stamp, held, 0.0, np.zeros(4), 0.01, 0.01, wanted, doubt=doubt, measured=SEEN if seen else None
-        )
+            stamp, held, 0.0, np.zeros(4), 0.01, 0.01, wanted, doubt=doubt, measured=SEEN if seen else None,
+            path_time=math.nan if self.begun is None else stamp - self.begun, holding=phase == "stop",
+        )  # fmt: skip
         self.samples.times.append(stamp)
         self.samples.phases.append(phase)
         self.samples.whereabouts.append(known)
@@ -78,6 +82,30 @@ def test_a_push_and_hovering_in_doubt_are_no_following_as_in_the_experiments():
     assert located_figures(ALONG_X, flown.samples)["cross_track_max_m"] == pytest.approx(0.4)
 
 
+def test_a_push_has_a_recovery_and_many_flights_the_longest_of_them():
+    flown = Flown()
+    for k in range(60):
+        flown.tick("follow", (1.0, 0.2 if 20 <= k < 26 else 0.0, 1.0))
+    pushed = summarise(flown.samples, None, "reached", "", None, plan=ALONG_X, pushes=(2.0,))
+    assert pushed["recovery_s"] == {"mean": pytest.approx(0.5), "max": pytest.approx(0.5)}
+    spared = summarise(flown.samples, None, "reached", "", None, plan=ALONG_X)
+    assert spared["recovery_s"] == {"mean": None, "max": None}
+    quick = {**pushed, "recovery_s": {"mean": 0.1, "max": 0.3}}
+    assert pool([pushed, spared, quick])["recovery_s"] == {
+        "mean": pytest.approx(0.3),
+        "max": pytest.approx(0.5),
+    }
+
+
+def test_a_stop_ends_with_the_tick_that_goes_on():
+    flown = Flown()
+    for phase, off in (("follow", 0.01), ("stop", 0.5), ("stop", 0.5), ("follow", 0.03), ("hold", 0.7)):
+        flown.tick(phase, (1.0, off, 1.0))
+    found = located_figures(ALONG_X, flown.samples)
+    assert found["cross_track_mean_m"] == pytest.approx(0.02)
+    assert found["cross_track_max_m"] == pytest.approx(0.03)
+
+
 def test_what_the_pilot_held_is_compared_with_the_truth_and_headings_the_short_way_round():
     flown = Flown()
     flown.tick("follow", (1.0, 0.0, 1.0), yaw=math.radians(2.0), held=(1.0, 0.003, 1.004))
@@ -103,6 +131,9 @@ def test_it_is_lost_while_it_doubts_more_than_flying_on_or_was_not_seen_for_a_qu
 def test_a_flight_that_never_got_to_its_path_has_no_figures():
     flown = Flown()
     flown.tick("searching")
+    assert located_figures(ALONG_X, flown.samples) == dict.fromkeys(FIGURES)
+    flown.tick("follow")
+    flown.samples.truths.pop()
     assert located_figures(ALONG_X, flown.samples) == dict.fromkeys(FIGURES)
     assert final_goal(Samples()) is None
 

@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from noctule.experiments.loc_flight_judge import (
-    LAND,
-    SURE,
-    Course,
-    Mask,
-    Track,
-    cross_track,
-    estimate_errors,
-)
+from noctule.flight.fence import Fence
+from noctule.flight.located_judge import Course, cross_track, estimate_errors
+from noctule.flight.located_track import LAND, SURE, Mask, Track
 from noctule.messages import Outcome
 
 ASTRAY = (0.5, 1.0)  # [m], [s]: an estimate that is off by more for longer while it is held for sure
@@ -21,7 +15,7 @@ NAMES = {Outcome.REACHED: "completed", Outcome.LOST: "landed_lost", Outcome.COLL
 OUTCOMES = ("completed", "landed_lost", "fence", "contact", "diverged", "stuck", "aborted")
 
 
-def outcome_of(track: Track, course: Course, ended: str) -> str:
+def outcome_of(track: Track, course: Course, fence: Fence, ended: str) -> str:
     """Return one of OUTCOMES: the first bad thing that happened, else how the flight `ended`.
 
     contact
@@ -39,7 +33,7 @@ def outcome_of(track: Track, course: Course, ended: str) -> str:
     first = {
         "contact": _first(track, track.touched),
         "diverged": min(_first(track, _far(track, course)), _first(track, _astray(track))),
-        "fence": _first(track, _outside(track, course)),
+        "fence": _first(track, _outside(track, fence)),
     }
     name = min(first, key=lambda key: first[key])
     if np.isfinite(first[name]):
@@ -51,9 +45,9 @@ def _first(track: Track, mask: Mask) -> float:
     return float(track.stamps[mask][0]) if mask.any() else np.inf
 
 
-def _outside(track: Track, course: Course) -> Mask:
+def _outside(track: Track, fence: Fence) -> Mask:
     x = track.true[:, :3]
-    beyond = (x < course.low) | (x > course.high)
+    beyond = (x < np.asarray(fence.low)) | (x > np.asarray(fence.high))
     return np.asarray(beyond[:, :2].any(axis=1) | (beyond[:, 2] & (track.doubt < LAND)))
 
 

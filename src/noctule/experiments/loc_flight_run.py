@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from noctule.campaign.measure import together
-from noctule.experiments.loc_flight_judge import Course, figures_of
 from noctule.experiments.loc_flight_outcome import OUTCOMES, outcome_of
-from noctule.experiments.loc_flight_track import track_of
+from noctule.flight.located_judge import Course, figures_of
+from noctule.flight.located_track import track_of
 from noctule.flight.mission import Mission
 from noctule.flight.reader import read_recording
 
@@ -26,15 +26,13 @@ OF_FLYING = (
 
 def course_of(mission: Mission) -> Course:
     """Return what a mission with a path in space asks for, as the judge takes it."""
-    plan, fence = mission.space_plan(), mission.fence.values(mission.room)
+    plan = mission.space_plan()
     end = mission.located.end_after_s
     return Course(
         plan.path,
         tuple((stop.time or 0.0, (stop.time or 0.0) + stop.seconds) for stop in plan.timed),
         tuple(push.time_s for push in mission.vehicle.pushes),
         np.inf if end is None else end,
-        np.array(fence.low),
-        np.array(fence.high),
     )
 
 
@@ -47,7 +45,8 @@ def judged(run: Mapping[str, Any]) -> Run:
     mission = Mission.model_validate_json(recording.files["mission.json"])
     track, course = track_of(recording.ticks), course_of(mission)
     told: Run = {key: run[key] for key in OF_FLYING if key in run}
-    told["outcome"] = outcome_of(track, course, run["outcome"])
+    fence = mission.fence.values(mission.room)
+    told["outcome"] = outcome_of(track, course, fence, run["outcome"])
     return {"seed": mission.flight.seed, **told, **figures_of(track, course)}
 
 

@@ -156,8 +156,8 @@ def pool(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     `outcome` becomes the rate of each outcome. `min_clearance_m` is the least and `max_command_step` the
     largest of all; `tick_ms` is over all ticks where the recordings are there to be read, else the median of
     the medians and the largest 95th percentile. `cross_track_max_m` is the largest of all and
-    `cross_track_mean_m` the median of the flights' means, for every lap too. Everything else is the median of
-    what is known, None where nothing is.
+    `cross_track_mean_m` the median of the flights' means, for every lap too; so is `recovery_s`. Everything
+    else is the median of what is known, None where nothing is.
     """
     steps = {axis: _of([r["max_command_step"][axis] for r in runs], max) for axis in ("linear", "angular")}
     summary: dict[str, Any] = {
@@ -179,7 +179,8 @@ def pool(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     ] or None
     for name in FIGURES:
         if name not in summary and any(name in r for r in runs):
-            summary[name] = _of([r.get(name) for r in runs], np.median)
+            figures = [r.get(name) for r in runs]
+            summary[name] = _pooled_recovery(figures) if name == "recovery_s" else _of(figures, np.median)
     return {**summary, "recording": None, "report": None}
 
 
@@ -189,6 +190,11 @@ def _pooled_cross_track(figures: Sequence[dict[str, Any]]) -> dict[str, float | 
         "cross_track_max_m": _of([f.get("cross_track_max_m") for f in figures], max),
         "cross_track_mean_m": _of([f.get("cross_track_mean_m") for f in figures], np.median),
     }
+
+
+def _pooled_recovery(figures: Sequence[dict[str, float | None] | None]) -> dict[str, float | None]:
+    known = [f for f in figures if f is not None]
+    return {"mean": _of([f["mean"] for f in known], np.median), "max": _of([f["max"] for f in known], max)}
 
 
 def _of(values: list[float | None], figure: Any) -> float | None:

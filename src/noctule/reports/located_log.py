@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from noctule.control.paths import SpacePath, nearest_anywhere
-from noctule.flight.located_summary import PUSHED, SETTLING
+from noctule.control.paths import SpacePath
+from noctule.flight.located_judge import PUSHED, SETTLING, distances, within, wrapped
 from noctule.geometry import Array
 from noctule.messages import Doubt
 from noctule.pilots.following import FollowPhase
@@ -90,15 +90,14 @@ class LocatedLog:
     @property
     def disturbed(self) -> NDArray[np.bool_]:
         """The ticks within 3 s after a push, (n,)."""
-        after = [(self.times >= p.time) & (self.times < p.time + PUSHED) for p in self.pushes]
-        return np.asarray(np.any(np.array(after, dtype=bool).reshape(-1, len(self.times)), axis=0))
+        return within(self.times, tuple((push.time, push.time + PUSHED) for push in self.pushes))
 
     @property
     def hovering(self) -> NDArray[np.bool_]:
         """The ticks of stops that are judged: settled for 4 s, no push in the last 3 s, (n,)."""
-        settled = [(self.times >= a + SETTLING) & (self.times <= b) for a, b in self.stops]
-        inside = np.any(np.array(settled, dtype=bool).reshape(-1, len(self.times)), axis=0)
-        return np.asarray(inside & self.stopped & ~self.disturbed)
+        # A stop lasts to its last tick, that one included.
+        settled = within(self.times, tuple((a + SETTLING, np.nextafter(b, np.inf)) for a, b in self.stops))
+        return np.asarray(settled & self.stopped & ~self.disturbed)
 
     @property
     def following(self) -> NDArray[np.bool_]:
@@ -124,11 +123,8 @@ class LocatedLog:
         """Return the distance to the nearest point of the path, (n,) [m]; NaN before it is begun."""
         distance = np.full(len(self.times), np.nan)
         if self.path is not None:
-            rows = np.flatnonzero(self.on_path & np.isfinite(self.flown[:, 0]))
-            for i in rows.tolist():
-                x = np.ascontiguousarray(self.flown[i, :3])
-                near = self.path.at(nearest_anywhere(self.path, x))
-                distance[i] = np.linalg.norm(near.position - x)
+            rows = self.on_path & np.isfinite(self.flown[:, 0])
+            distance[rows] = distances(self.path, self.flown[rows, :3])
         return distance
 
 
@@ -151,5 +147,5 @@ def spans(times: Array, mask: NDArray[np.bool_]) -> Spans:
 
 def _less(a: Array, b: Array) -> Array:
     off = a - b
-    off[:, 3] = np.remainder(off[:, 3] + np.pi, 2.0 * np.pi) - np.pi
+    off[:, 3] = wrapped(off[:, 3])
     return np.asarray(off)

@@ -16,7 +16,7 @@ class Row:
     value: str
 
 
-_DIGITS = {"m": 3, "°": 2, "px": 1, "s": 1, "mm": 1, "ms": 2, "cm": 1, "m/s": 3, "rad/s": 3, "x": 1}
+_DIGITS = {"m": 3, "°": 2, "px": 1, "s": 1, "mm": 1, "ms": 2, "cm": 1, "m/s": 3, "rad/s": 3, "x": 1, "": 0}
 # Key of the summary, or path of keys, then label and unit: the order of the table.
 _KNOWN: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("duration_s",), "Duration, from the first tick in hover", "s"),
@@ -46,10 +46,11 @@ _OF_THE_LOCATED: tuple[tuple[tuple[str, ...], str, str, float], ...] = (
     (("position_p95_m",), "Error of the fused position, 95th percentile", "mm", 1e3),
     (("yaw_mean_deg",), "Error of the fused heading, mean", "°", 1.0),
     (("yaw_sd_deg",), "Error of the fused heading, standard deviation", "°", 1.0),
+    (("slips",), "Times the heading was held half a turn wrong", "", 1.0),
     (("lost_s",), "Time without a trusted estimate", "s", 1.0),
 )
 JUDGED = frozenset(
-    {"outcome", "reason", "slips", "doubt_s"}
+    {"outcome", "reason", "doubt_s"}
     | {key for key, _ in _OF_THE_PATH}
     | {path[0] for path, *_ in _OF_THE_LOCATED}
 )
@@ -65,7 +66,7 @@ def number(value: float | None, unit: str, missing: str = "not available") -> st
     """Return `value` with its unit, or `missing` where it was not measured."""
     if value is None or not math.isfinite(value):
         return missing
-    space = "" if unit == "°" else " "
+    space = "" if unit in ("°", "") else " "
     return f"{value:.{_DIGITS.get(unit, 3)}f}{space}{unit}"
 
 

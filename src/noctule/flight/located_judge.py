@@ -1,6 +1,8 @@
-"""How well a path was followed below the ceiling camera: figures from the truth and what the pilot held.
+"""How well a path in space was followed, and how well the pilot knew where it was: judged by the truth.
 
 All is counted over the path's time, from 0 to `Course.seconds`; positions are three-dimensional norms.
+Cross-track leaves out stops, hovering the first 4 s of a stop, and both and the heading what is no following:
+the 3 s after a push, and hovering in doubt.
 """
 
 from __future__ import annotations
@@ -9,49 +11,29 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from noctule.control.paths import SpacePath, nearest_anywhere
-from noctule.flight.located_summary import PUSHED, SETTLING, UNSEEN
+from noctule.flight.located_track import DOUBTS, FLY_ON, HOVER, LAND, SURE, Mask, Track
 from noctule.geometry import Array
-from noctule.messages import Doubt
 
-Mask = NDArray[np.bool_]
+Spans = tuple[tuple[float, float], ...]
+"""From, to [s]."""
 
+SETTLING = 4.0  # [s] of a stop that are not hovering yet
+PUSHED = 3.0  # [s] after a push that belong to the recovery and to nothing else
+UNSEEN = 0.25  # [s] without a measurement of the camera, after which the vehicle counts as lost
 BACK = 0.08  # [m], as near to the path or the held point as a vehicle that has recovered is
 SLIPPED = (0.5 * np.pi, 0.1)  # [rad], [s]: a heading off by more for longer is the other half turn
-DOUBTS = tuple(Doubt)
-SURE, FLY_ON, LAND = (DOUBTS.index(doubt) for doubt in (Doubt.SURE, Doubt.FLY_ON, Doubt.LAND))
-HOVER = DOUBTS.index(Doubt.HOVER)
-
-
-@dataclass(frozen=True, slots=True)
-class Track:
-    """A flight, a row for every tick at which the pilot was asked; NaN where nothing was held yet."""
-
-    stamps: Array  # (n,) [s], the flight's clock
-    true: Array  # (n, 4) x, y, z [m], yaw [rad]
-    held_at: Array  # (n,) [s], when `held` holds
-    held: Array  # (n, 4), where the pilot held itself to be
-    position_sd: Array  # (n,) [m]
-    wanted: Array  # (n, 4)
-    path_time: Array  # (n,) [s] since the path was begun
-    holding: Mask  # (n,)
-    doubt: NDArray[np.int_]  # (n,) index into DOUBTS
-    measured: Mask  # (n,), the camera measured the vehicle in this tick's frame
-    touched: Mask  # (n,)
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """What was to be flown, and in which box."""
+    """What was to be flown."""
 
     path: SpacePath
-    stops: tuple[tuple[float, float], ...]  # from, to [s] of the path's time
+    stops: Spans  # of the path's time
     pushes: tuple[float, ...]  # [s], the flight's clock
     seconds: float  # [s], of the path's time
-    low: Array  # (3,) [m], of the fence
-    high: Array  # (3,) [m]
 
 
 def figures_of(track: Track, course: Course) -> dict[str, Any]:
@@ -93,24 +75,28 @@ def on_path(track: Track, course: Course) -> Mask:
 
 def stopped(track: Track, course: Course) -> Mask:
     """Return which ticks belong to a stop, from the order to stop to the order to go on; (n,)."""
-    return _within(track.path_time, course.stops)
+    return within(track.path_time, course.stops)
 
 
 def settled(track: Track, course: Course) -> Mask:
     """Return which ticks belong to a stop but to its first 4 s; (n,)."""
-    return _within(track.path_time, tuple((begin + SETTLING, end) for begin, end in course.stops))
+    return within(track.path_time, tuple((begin + SETTLING, end) for begin, end in course.stops))
 
 
 def pushed(track: Track, course: Course) -> Mask:
     """Return which ticks lie within 3 s after the beginning of a push; (n,)."""
-    return _within(track.stamps, tuple((push, push + PUSHED) for push in course.pushes))
+    return within(track.stamps, tuple((push, push + PUSHED) for push in course.pushes))
 
 
 def cross_track(track: Track, course: Course) -> Array:
     """Return how far the vehicle truly was from the nearest point of the whole path, (n,) [m]."""
-    path = course.path
-    nearest = [path.at(nearest_anywhere(path, x)).position for x in np.ascontiguousarray(track.true[:, :3])]
-    return np.asarray(np.linalg.norm(track.true[:, :3] - np.array(nearest).reshape(-1, 3), axis=1))
+    return distances(course.path, track.true[:, :3])
+
+
+def distances(path: SpacePath, positions: Array) -> Array:
+    """Return how far each of `positions` (n, 3) [m] is from the nearest point of the whole path, (n,) [m]."""
+    nearest = [path.at(nearest_anywhere(path, x)).position for x in np.ascontiguousarray(positions)]
+    return np.asarray(np.linalg.norm(positions - np.array(nearest).reshape(-1, 3), axis=1))
 
 
 def estimate_errors(track: Track) -> Array:
@@ -170,7 +156,8 @@ def wrapped(angles: Array) -> Array:
     return np.asarray(np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)
 
 
-def _within(times: Array, spans: tuple[tuple[float, float], ...]) -> Mask:
+def within(times: Array, spans: Spans) -> Mask:
+    """Return which times (n,) [s] lie in one of the spans, their beginnings included; (n,)."""
     inside = np.zeros(times.shape, dtype=bool)
     for begin, end in spans:
         inside |= (times >= begin) & (times < end)

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from noctule.experiments.loc_flight_judge import DOUBTS
-from noctule.experiments.loc_flight_track import NoTruthError, track_of
+from noctule.flight.located_track import DOUBTS, NoTruthError, track_of
 from noctule.geometry import Pose
 from noctule.messages import Command, Decision, Doubt, PoseMeasurement, Truth, Whereabouts
 
