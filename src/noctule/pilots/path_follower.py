@@ -12,7 +12,8 @@ import numpy as np
 
 from noctule.control.cascade import CascadeSettings, cascade
 from noctule.control.paths.heading import TurnReference, heading_at
-from noctule.control.paths.plan import PathPlan, straight
+from noctule.control.paths.plan import PathPlan
+from noctule.control.paths.planning import straight
 from noctule.control.paths.progress import Progress, Reference, advance, begin
 from noctule.control.paths.speed import SpeedSettings
 from noctule.control.paths.spot import Spot, hold, spot_ahead

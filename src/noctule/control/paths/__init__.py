@@ -3,7 +3,8 @@
 from noctule.control.paths.duration import duration
 from noctule.control.paths.heading import AlongPath, FacePoint, FixedHeading, GivenHeading, TurnSettings
 from noctule.control.paths.nearest import nearest, nearest_anywhere
-from noctule.control.paths.plan import PathPlan, Stop, StopError, loc_1, loc_2, loc_3, plan, with_headings
+from noctule.control.paths.plan import PathPlan, Stop, StopError
+from noctule.control.paths.planning import loc_1, loc_2, loc_3, plan, with_headings
 from noctule.control.paths.shapes import PathJoinError, arc, eight, ellipse, joined, line, polyline
 from noctule.control.paths.space_path import (
     PathLengthError,

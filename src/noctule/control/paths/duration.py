@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from noctule.control.paths.plan import PathPlan
 from noctule.control.paths.speed import CAPTURE, approach_speed, braking_distance
 from noctule.geometry import Array
-
-if TYPE_CHECKING:
-    from noctule.control.paths.plan import PathPlan
 
 _PARTS = 128  # of the way on which a vehicle gets under way or brakes
 
