@@ -25,6 +25,11 @@ def wrap_angle(angle: float) -> float:
     return np.pi if wrapped <= -np.pi else wrapped
 
 
+def wrap_angles(angles: Array) -> Array:
+    """Return `angles` (any shape) [rad] wrapped to [-pi, pi)."""
+    return np.asarray((angles + np.pi) % (2.0 * np.pi) - np.pi)
+
+
 def skew(v: Array) -> Array:
     """Return the (3, 3) matrix [v]x with skew(v) @ w = v x w."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -130,7 +130,8 @@ def test_there_are_at_least_seven_lines_of_test_for_ten_of_source():
 
 
 def test_only_geometry_wraps_angles():
-    by_hand = re.compile(r"%\s*\(?\s*(2(\.0)?\s*\*\s*(np|math)\.pi|(np|math)\.tau)")
+    turn = r"\(?\s*(2(\.0)?\s*\*\s*(np|math)\.pi|(np|math)\.tau)"
+    by_hand = re.compile(rf"%\s*{turn}|\bnp\.(remainder|fmod)\([^\n]*,\s*{turn}")
     found = [relative(p) for p in MODULES if by_hand.search(p.read_text("utf-8"))]
     assert found == ["src/noctule/geometry.py"]
 

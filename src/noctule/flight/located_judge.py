@@ -14,7 +14,7 @@ import numpy as np
 
 from noctule.control.paths import SpacePath, nearest_anywhere
 from noctule.flight.located_track import DOUBTS, FLY_ON, HOVER, LAND, SURE, Mask, Track
-from noctule.geometry import Array
+from noctule.geometry import Array, wrap_angles
 
 Spans = tuple[tuple[float, float], ...]
 """From, to [s]."""
@@ -44,7 +44,7 @@ def figures_of(track: Track, course: Course) -> dict[str, Any]:
     following = on & ~stopped(track, course) & ~pushed(track, course) & (track.doubt < HOVER)
     hovering = on & settled(track, course) & ~pushed(track, course) & (track.doubt < HOVER)
     heading = on & ~pushed(track, course) & (track.doubt < HOVER)
-    turned = np.abs(wrapped(track.true[:, 3] - track.wanted[:, 3]))
+    turned = np.abs(wrap_angles(track.true[:, 3] - track.wanted[:, 3]))
     away_from_wanted = np.linalg.norm(track.true[:, :3] - track.wanted[:, :3], axis=1)
     recoveries = [recovery(track, np.where(track.holding, away_from_wanted, cross), p) for p in course.pushes]
     known = [seconds for seconds in recoveries if seconds is not None]
@@ -104,7 +104,7 @@ def estimate_errors(track: Track) -> Array:
     yaw = np.unwrap(track.true[:, 3])
     true = [np.interp(track.held_at, track.stamps, column) for column in (*track.true[:, :3].T, yaw)]
     off = track.held - np.column_stack(true)
-    off[:, 3] = wrapped(off[:, 3])
+    off[:, 3] = wrap_angles(off[:, 3])
     return np.asarray(off)
 
 
@@ -149,11 +149,6 @@ def runs(stamps: Array, mask: Mask) -> list[float]:
     return [
         float(stamps[end - 1] - stamps[begin]) for begin, end in zip(edges[::2], edges[1::2], strict=True)
     ]
-
-
-def wrapped(angles: Array) -> Array:
-    """Return angles (n,) [rad] within half a turn of zero."""
-    return np.asarray(np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def within(times: Array, spans: Spans) -> Mask:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.control.paths import SpacePath
-from noctule.flight.located_judge import PUSHED, SETTLING, distances, within, wrapped
-from noctule.geometry import Array
+from noctule.flight.located_judge import PUSHED, SETTLING, distances, within
+from noctule.geometry import Array, wrap_angles
 from noctule.messages import Doubt
 from noctule.pilots.following import FollowPhase
 
@@ -147,5 +147,5 @@ def spans(times: Array, mask: NDArray[np.bool_]) -> Spans:
 
 def _less(a: Array, b: Array) -> Array:
     off = a - b
-    off[:, 3] = wrapped(off[:, 3])
+    off[:, 3] = wrap_angles(off[:, 3])
     return np.asarray(off)
