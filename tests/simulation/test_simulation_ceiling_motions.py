@@ -24,7 +24,7 @@ from noctule.simulation.ceiling import (
     walk_past,
     walk_through,
 )
-from noctule.simulation.ceiling.flights import HEIGHTS, RADIUS, NoViewError, sees_whole
+from noctule.simulation.ceiling.flights import HEIGHTS, RADIUS, NoViewError, heights, sees_whole
 from noctule.simulation.ceiling.motions import gap
 from noctule.simulation.ceiling.quadrotor import quadrotor
 from noctule.simulation.ceiling.shapes import pack
@@ -204,12 +204,26 @@ def test_no_flight_meets_the_labs_furniture() -> None:
         assert (xy + RADIUS < high).all()
 
 
+def test_below_a_low_ceiling_the_hand_flies_lower() -> None:
+    assert heights(CeilingSpec().camera) == HEIGHTS
+    low = CeilingSpec(x_m=0.0, y_m=0.0, z_m=2.4, pitch_deg=0.0, roll_deg=0.0)
+    bottom, top = heights(low.camera)
+    assert bottom == HEIGHTS[0]
+    assert (
+        1.2 < top < 1.5
+    )  # a quadrotor and 0.1 m around it fill the picture's height 1.04 m below the camera
+    places = [p.position for _, p in manual_flight(0, 60.0, 3.0, low)]
+    places += [p.position for p in spread_poses(0, 300, low)]
+    assert all(sees_whole(low.camera, x) for x in places)
+    assert max(x[2] for x in places) > top - 0.1
+
+
 def test_a_camera_that_sees_no_quadrotor_is_refused() -> None:
     with pytest.raises(NoViewError) as caught:
         spread_poses(0, 1, CeilingSpec(z_m=0.9))
     assert str(caught.value) == (
-        "ceiling camera at (0.24, -0.78, 0.90) m: it sees a whole quadrotor nowhere between "
-        "0.4 and 1.9 m above the floor; hang it higher or point it down"
+        "ceiling camera at (0.24, -0.78, 0.90) m: it has no room in view for a whole quadrotor "
+        "to fly 0.4 to 0.8 m above the floor; hang it higher or point it down"
     )
     with pytest.raises(NoViewError):
         manual_flight(0, 1.0, 30.0, CeilingSpec(pitch_deg=80.0))

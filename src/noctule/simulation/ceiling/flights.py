@@ -11,7 +11,7 @@ from noctule.errors import NoctuleError
 from noctule.geometry import Array, Pose, wrap_angle
 from noctule.simulation.ceiling.spec import CeilingSpec
 
-HEIGHTS = (0.4, 1.9)  # [m]
+HEIGHTS = (0.4, 1.9)  # [m], where the camera hangs high enough
 RADIUS = 0.33  # [m], of a ball about the body's origin that holds every part of the quadrotor
 _FALL = 9.81  # [m/s^2]
 _LAGS = 4  # first-order lags in a row: a step of the stick is smooth up to its third derivative
@@ -21,6 +21,8 @@ _DWELL = (2.0, 4.0)  # [s], how long a person flies toward one place
 _TURN, _TURN_BACK = (0.4, 1.4), 0.15  # [rad] meanwhile, and how often the other way round
 _TILT = math.radians(2.5)  # sd of roll and pitch of single poses
 _TRIES = 10000
+_LOWEST_TOP, _TOP_STEP = 0.8, 0.05  # [m]
+_AROUND = 0.1  # [m], room about the quadrotor at the greatest height
 
 
 class NoViewError(NoctuleError):
@@ -29,9 +31,24 @@ class NoViewError(NoctuleError):
     def __init__(self, camera: FixedCamera) -> None:
         x, y, z = camera.t_world_camera
         super().__init__(
-            f"ceiling camera at ({x:.2f}, {y:.2f}, {z:.2f}) m: it sees a whole quadrotor nowhere between "
-            f"{HEIGHTS[0]} and {HEIGHTS[1]} m above the floor; hang it higher or point it down"
+            f"ceiling camera at ({x:.2f}, {y:.2f}, {z:.2f}) m: it has no room in view for a whole quadrotor "
+            f"to fly {HEIGHTS[0]} to {_LOWEST_TOP} m above the floor; hang it higher or point it down"
         )
+
+
+def heights(camera: FixedCamera) -> tuple[float, float]:
+    """Return between which heights [m] to fly: HEIGHTS, less far up below a camera that hangs low.
+
+    Raises NoViewError.
+    """
+    k = camera.intrinsics
+    middle = k.normalise(np.array([[0.5 * (k.width - 1), 0.5 * (k.height - 1)]]))[0]
+    ray = camera.R_world_camera @ np.append(middle, 1.0)
+    for top in np.arange(HEIGHTS[1], _LOWEST_TOP - 1e-9, -_TOP_STEP).tolist():
+        along = (top - camera.t_world_camera[2]) / min(ray[2], -1e-9)
+        if sees_whole(camera, camera.t_world_camera + along * ray, RADIUS + _AROUND):
+            return HEIGHTS[0], top
+    raise NoViewError(camera)
 
 
 def spread_poses(seed: int, n: int, spec: CeilingSpec | None = None) -> list[Pose]:
@@ -41,11 +58,11 @@ def spread_poses(seed: int, n: int, spec: CeilingSpec | None = None) -> list[Pos
     """
     rng = np.random.default_rng([seed, 5])
     camera = (CeilingSpec() if spec is None else spec).camera
-    poses = []
+    poses, span = [], heights(camera)
     for _ in range(n):
         yaw = wrap_angle(float(rng.uniform(-math.pi, math.pi)))
         roll, pitch = (float(a) for a in rng.normal(0.0, _TILT, 2))
-        poses.append(Pose(_place(camera, rng, HEIGHTS), yaw, roll, pitch))
+        poses.append(Pose(_place(camera, rng, span), yaw, roll, pitch))
     return poses
 
 
@@ -60,7 +77,7 @@ def manual_flight(
     rng = np.random.default_rng([seed, 6])
     camera = (CeilingSpec() if spec is None else spec).camera
     count = math.ceil(seconds / _STEP) + 2
-    wanted = np.empty((count, 4))
+    wanted, (low, high) = np.empty((count, 4)), heights(camera)
     yaw, way, k = float(rng.uniform(-math.pi, math.pi)), 1.0, 0
     while k < count:
         dwell = math.ceil(float(rng.uniform(*_DWELL)) / _STEP)
@@ -68,7 +85,7 @@ def manual_flight(
         way = -way if rng.random() < _TURN_BACK else way
         yaw += way * float(rng.uniform(*_TURN))
         # More often high or low than between, so that the lags let it reach both ends.
-        z = HEIGHTS[0] + (HEIGHTS[1] - HEIGHTS[0]) * (0.5 - 0.5 * math.cos(math.pi * rng.random()))
+        z = low + (high - low) * (0.5 - 0.5 * math.cos(math.pi * rng.random()))
         wanted[k : k + dwell] = [*_place(camera, rng, (z, z)), yaw]
         k += dwell
     flown = wanted
