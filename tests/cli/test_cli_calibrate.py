@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from pathlib import Path
 
@@ -12,8 +13,11 @@ from cli_room import CAMERA, depth, flight, leave, leave_empty_room, leave_site
 from noctule.camera import CEILING_CAMERA
 from noctule.flight.depth_recording import DepthRecorder, read_depth_recording
 from noctule.localization.detector_file import load_detectors
-from noctule.localization.site import load_background, load_camera
+from noctule.localization.learning.template import LearnedTemplate, Round
+from noctule.localization.site import SiteCamera, load_background, load_camera, save_background, save_camera
+from noctule.localization.template import Template
 from noctule.messages import DepthFrame
+from noctule.vision.depth import learn_background
 
 COMMANDS = ["camera", "background", "detector", "template", "offset", "record"]
 
@@ -256,3 +260,22 @@ def test_a_recording_is_not_overwritten(noctule):
         "noctule: recording a.mcap: it is there already, and nothing is overwritten; choose another --out "
         "or remove it\n",
     )
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.003])
+def test_a_template_learned_anew_says_that_the_offset_was_measured_with_another(noctule, monkeypatch, offset):
+    n, folder = 8, Path("s")
+    save_camera(folder, SiteCamera(CAMERA, offset=np.full(3, offset)))
+    save_background(folder, learn_background([depth([], k) for k in range(12)]), CAMERA)
+    leave(Path("f"), flight(30))
+    maps = {name: np.full((n, n), 0.9) for name in ("probability", "variance", "height", "weight")}
+    made = Template.from_arrays({"grid": np.array([0.02, 0.01]), "frames": np.array([9.0]), **maps})
+    learned = LearnedTemplate(made, (Round(1.0, 9, 0.001, 0.001),), (), "axis", "start")
+    monkeypatch.setattr("noctule.localization.learning.template.learn_template", lambda *_, **__: learned)
+    monkeypatch.setattr("noctule.reports.template_figure.write_template_figure", lambda _, path: path)
+    command = ("calibrate", "template", "--folder", "f", "--site", "s", "--start-yaw", "0")
+    said = noctule(*command)
+    assert said.code == 0, said.err
+    hint = "next: noctule calibrate offset; that in camera.toml was measured with another template"
+    assert (hint in said.out.splitlines()) == (offset > 0.0)
+    assert json.loads(noctule(*command, "--json").out)["offset_outdated"] == (offset > 0.0)

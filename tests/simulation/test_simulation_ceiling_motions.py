@@ -209,9 +209,8 @@ def test_below_a_low_ceiling_the_hand_flies_lower() -> None:
     low = CeilingSpec(x_m=0.0, y_m=0.0, z_m=2.4, pitch_deg=0.0, roll_deg=0.0)
     bottom, top = heights(low.camera)
     assert bottom == HEIGHTS[0]
-    assert (
-        1.2 < top < 1.5
-    )  # a quadrotor and 0.1 m around it fill the picture's height 1.04 m below the camera
+    # A quadrotor and 0.1 m around it fill the picture 1.04 m below the camera.
+    assert 1.2 < top < 1.5
     places = [p.position for _, p in manual_flight(0, 60.0, 3.0, low)]
     places += [p.position for p in spread_poses(0, 300, low)]
     assert all(sees_whole(low.camera, x) for x in places)

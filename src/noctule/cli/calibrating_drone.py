@@ -90,6 +90,7 @@ def learn_top_view(
             "turned_deg": math.degrees(rounds[-1].turned),
             "heading": learned.heading,
             "anchor": learned.anchor,
+            "offset_outdated": bool(camera.offset.any()),
         }
         print(as_json(told))
         return 0
@@ -99,4 +100,6 @@ def learn_top_view(
     )
     print(f"headings: first by {learned.heading}; nose told from tail by {_ANCHORS[learned.anchor]}")
     print(f"figure: {figure}\nsite: {folder / TEMPLATE}")
+    if camera.offset.any():
+        print("next: noctule calibrate offset; that in camera.toml was measured with another template")
     return 0
