@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable
 
 import numpy as np
+from timing import measure
 
 from noctule.control.activation import Activation
 from noctule.control.gains import AdaptiveGain, gain_vector
@@ -35,18 +34,6 @@ def tick() -> np.ndarray:
     see = Visibility(points=POINTS, centroid_ref=np.zeros(2), depth=2.0, gain=0.2, activation=0.5)
     wanted = solve_hierarchy([avoid.rows(B), see.rows(B)], bottom)
     return limit_command(wanted, np.zeros(4), Limits(), 1.0 / 30.0)
-
-
-def measure(call: Callable[[], object], repeats: int = 2000) -> tuple[float, float]:
-    """Return the median and the 95th percentile [us] of `repeats` calls."""
-    for _ in range(50):
-        call()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter_ns()
-        call()
-        times.append((time.perf_counter_ns() - start) * 1e-3)
-    return statistics.median(times), statistics.quantiles(times, n=20)[-1]
 
 
 rng = np.random.default_rng(0)

@@ -14,11 +14,11 @@ import os
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
 
 import datetime
-import statistics
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
+from timing import ROUNDS, least, measure
 
 from noctule.estimation.contributions import contribution_of, from_bytes, to_bytes
 from noctule.estimation.delayed import DelayedFilter, FilterSettings
@@ -30,30 +30,9 @@ from noctule.estimation.network import Network, Node
 from noctule.estimation.network_study import made_up_flight
 from noctule.estimation.vehicle_model import ProcessNoise, VehicleModel, process_covariance, transition
 
-STEPS, ROUNDS = 2000, 5
+STEPS = 2000
 MODEL, NOISE, NOTHING = VehicleModel.identified(), ProcessNoise(), np.zeros(4)
 PARAMETERS = (NOTHING, MODEL.input_gains, MODEL.drags, NOISE.densities)
-
-
-def least(rounds: Iterable[list[float]]) -> tuple[float, float]:
-    """Return median and 95th percentile of the round with the least median: others use the machine too."""
-    return min((statistics.median(times), statistics.quantiles(times, n=20)[-1]) for times in rounds)
-
-
-def measure(call: Callable[[], object], repeats: int = 1000) -> tuple[float, float]:
-    """Return the median and the 95th percentile [us] of `repeats` calls, the best of five rounds."""
-
-    def times() -> list[float]:
-        taken = []
-        for _ in range(repeats):
-            start = time.perf_counter_ns()
-            call()
-            taken.append((time.perf_counter_ns() - start) * 1e-3)
-        return taken
-
-    for _ in range(50):
-        call()
-    return least(times() for _ in range(ROUNDS))
 
 
 def parts() -> None:

@@ -1,7 +1,7 @@
 """Times path following on one core: python benchmarks/bench_path_control.py.
 
 Wanted: control and nearest point together within 50 us per tick. With --table also the stability tables of
-docs/path-following.md, flown on the simulator's dynamics (some minutes).
+docs/path-following.md, flown on the simulator's dynamics (some minutes). Times are the best of five rounds.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from timing import measure
 
 from noctule.control.cascade import CascadeSettings, cascade, predict_over_delay
 from noctule.control.paths import FixedHeading, Stop, loc_1, loc_2, nearest, plan
@@ -26,18 +27,6 @@ from noctule.pilots.located_settings import LocatedSettings
 from noctule.pilots.path_follower import FollowerSettings, PathFollower
 
 DT = 1.0 / 30.0
-
-
-def measure(call: Callable[[], object], repeats: int = 3000) -> tuple[float, float]:
-    """Return the median and the 95th percentile [us] of `repeats` calls."""
-    for _ in range(100):
-        call()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter_ns()
-        call()
-        times.append((time.perf_counter_ns() - start) * 1e-3)
-    return statistics.median(times), statistics.quantiles(times, n=20)[-1]
 
 
 def follower_tick() -> Callable[[], object]:
