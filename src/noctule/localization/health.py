@@ -160,7 +160,7 @@ def _unit_reason(usual: float, unit: str, expected: str) -> str:
 def check_camera(frame: DepthFrame, background: Background) -> str:
     """Return why the background no longer fits a frame that `check_frame` found sound, "" when it does.
 
-    One frame tells, because what moves about in the room has no say; 1.5 ms. A camera that turned about the
+    One frame tells, because what moves about in the room has no say. A camera that turned about the
     vertical or moved sideways over a bare level floor sees the same, and is not found. Where most of the
     room is hidden by something nearer, nothing can be said of where the camera hangs.
     """

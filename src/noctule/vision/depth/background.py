@@ -10,12 +10,13 @@ from pydantic import Field
 
 from noctule.settings import Settings
 from noctule.vision.depth.errors import check_depth
+from noctule.vision.depth.tiles import count_tiles
 
 Depth = NDArray[np.uint16]  # (height, width) [mm], 0 where there is no reading
 Mask = NDArray[np.bool_]
 Millimetres = NDArray[np.float32]
 
-_STRIDE, _TILE = 4, 8  # `fits` looks at every 4th pixel, in tiles of 8 x 8 of these
+_LEAST_SEEN = 0.25  # of the tiles with a background that must be seen, so that all of them may fit
 
 
 class BackgroundSettings(Settings):
@@ -79,26 +80,8 @@ def fits(background: Background, depth: Depth) -> float:
     Raises DepthFormatError for a frame of another size or type.
     """
     check_depth(depth, background.shape)
-    z = depth[::_STRIDE, ::_STRIDE].astype(np.float32)
-    mean, deviation = background.mean[::_STRIDE, ::_STRIDE], background.deviation[::_STRIDE, ::_STRIDE]
-    known = background.count[::_STRIDE, ::_STRIDE] >= 0.5 * background.frames
-    away = z - mean
-    judged = known & (z > 0)
-    near = judged & (away < -background.deviations * deviation)
-    far = judged & (away > background.deviations * deviation)
-    inside = judged & ~near & ~far
-    n_known, n, n_near, n_far, n_inside = (_tiles(m) for m in (known, judged, near, far, inside))
-    drift = np.abs(_tiles(np.where(inside, away, 0.0))) / np.maximum(n_inside, 1.0)
-    allowed = _tiles(np.where(inside, deviation, 0.0)) / np.maximum(n_inside, 1.0)
-    background_there = n_known >= 0.25 * _TILE**2
-    sees = background_there & (n >= 0.25 * _TILE**2) & (n_near < 0.5 * n)
-    agrees = sees & (n_far <= 0.2 * n) & (n_inside > 0) & (drift <= allowed)
-    at_least = max(1.0, 0.25 * float(np.count_nonzero(background_there)))
-    return float(np.count_nonzero(agrees)) / max(float(np.count_nonzero(sees)), at_least)
-
-
-def _tiles(values: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Return the sums over tiles; what is left over at the right and bottom edge is not counted."""
-    rows, columns = values.shape[0] // _TILE, values.shape[1] // _TILE
-    whole = values[: rows * _TILE, : columns * _TILE].reshape(rows, _TILE, columns, _TILE)
-    return np.asarray(whole.sum(axis=(1, 3), dtype=np.float64))
+    there, seen, agreeing = count_tiles(
+        depth, background.mean, background.deviation, background.count, 0.5 * background.frames,
+        background.deviations,
+    )  # fmt: skip
+    return agreeing / max(seen, 1.0, _LEAST_SEEN * there)
