@@ -25,7 +25,7 @@ from noctule.messages import (
     Whereabouts,
 )
 from noctule.reports import write_report
-from noctule.reports.doubt_strip import doubts_in_words, unseen_in_words
+from noctule.reports.doubt_strip import doubts_in_words, main_reason, unseen_in_words
 from noctule.reports.figure_plans import LOCATED, VISUAL, plans_of
 from noctule.reports.flight_report import draw_figures, flight_page
 from noctule.reports.headings import turning
@@ -179,7 +179,56 @@ def test_many_stretches_of_doubt_are_counted_not_listed(log):
     flicker = tuple("slow" if i % 20 < 10 else "sure" for i in range(n))
     lines = doubts_in_words(replace(log.located, doubts=flicker))
     assert len(lines) == 8
-    assert lines[-1] == f"and {n // 20 - 7} more stretches of doubt"
+    assert lines[-1] == f"left out: the {n // 20 - 7} mildest and shortest of {n // 20} stretches of doubt"
+
+
+def doubting(log, *stretches):
+    """The flight with nothing but these stretches of doubt: what was done, from, to [s]."""
+    doubts = np.full(len(log.located.times), "sure", dtype=object)
+    for doubt, a, b in stretches:
+        doubts[(log.located.times >= a - TICK / 2) & (log.located.times < b - TICK / 2)] = doubt
+    return replace(log.located, doubts=tuple(doubts.tolist()))
+
+
+def test_what_ended_the_flight_is_told_however_often_it_doubted_before(log):
+    slow = [("slow", 2.0 * k, 2.0 * k + 0.5 + 0.1 * k) for k in range(1, 9)]
+    lines = doubts_in_words(doubting(log, *slow, ("hover", 39.0, 39.9), ("land", 39.9, 41.0)))
+    assert [line.split(":")[0] for line in lines[-3:]] == [
+        "39.0 to 39.9 s, hovers",
+        "39.9 to 40.0 s, lands",
+        "left out",
+    ]
+    assert lines[-1] == "left out: the 3 mildest and shortest of 10 stretches of doubt"
+    begun = [float(line.split()[0]) for line in lines[:-1]]
+    assert begun == [8.0, 10.0, 12.0, 14.0, 16.0, 39.0, 39.9]
+
+
+def test_the_last_hover_is_told_even_if_longer_ones_came_before(log):
+    long = [("hover", 3.0 * k, 3.0 * k + 2.0) for k in range(1, 10)]
+    lines = doubts_in_words(doubting(log, *long, ("fly on", 32.0, 36.0), ("hover", 39.0, 39.2)))
+    assert lines[-2].startswith("39.0 to 39.2 s, hovers")
+    assert "flies on" not in "".join(lines)
+    assert lines[-1] == "left out: the 4 mildest and shortest of 11 stretches of doubt"
+
+
+def test_as_many_stretches_as_there_is_room_for_are_all_told(log):
+    lines = doubts_in_words(doubting(log, *(("fly on", 2.0 * k, 2.0 * k + 0.5) for k in range(1, 9))))
+    assert len(lines) == 8
+    assert "left out" not in "".join(lines)
+
+
+def test_a_stretch_of_one_tick_is_at_a_time(log):
+    lines = doubts_in_words(doubting(log, ("land", 39.9, 39.9 + TICK)))
+    assert lines == ["at 39.9 s, lands"]
+
+
+def test_the_reason_told_is_the_one_that_held_longest_in_its_last_wording():
+    held = [f"not seen for {0.1 * k:.1f} s (something is held before it)" for k in range(10)]
+    again = [f"not seen for {1.0 + 0.1 * k:.1f} s (it has just come into view again)" for k in range(3)]
+    assert main_reason([*held, "", *again]) == "not seen for 0.9 s (something is held before it)"
+    assert main_reason(["silent", "hidden"]) == "silent"
+    assert main_reason(["", ""]) == ""
+    assert main_reason([]) == ""
 
 
 def test_frames_without_the_drone_are_counted_by_their_reason(log):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
+from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,7 +26,9 @@ _WORDS = {
     Doubt.SLOW: "flies slowly", Doubt.HOVER: "hovers", Doubt.LAND: "lands",
 }  # fmt: skip
 _UNSEEN = "#374151"
-_MOST = 8  # reasons told
+_MOST = 8  # lines told
+_ORDER = tuple(Doubt)  # the mildest first
+_NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
 def doubt_figure(log: FlightLog) -> Figure | None:
@@ -91,19 +96,50 @@ def _bare(axis: Axes) -> None:
 
 
 def doubts_in_words(located: LocatedLog) -> list[str]:
-    """Return a line for every stretch of doubt: when, what the pilot did, and the last reason it gave."""
+    """Return a line for every stretch of doubt in the order of time: when, what the pilot did, and why.
+
+    Why is the reason that held longest in the stretch. Of too many stretches the mildest and, of those, the
+    shortest are left out and counted, never a landing nor the last hover.
+    """
     doubts = np.array(located.doubts, dtype=object)
-    found: list[tuple[float, str]] = []
-    for doubt in Doubt:
-        for a, b in spans(located.times, doubts == str(doubt)) if doubt is not Doubt.SURE else []:
-            inside = np.flatnonzero((located.times >= a) & (located.times <= b))
-            reasons = [located.doubt_reasons[i] for i in inside if located.doubt_reasons[i]]
-            because = f": {reasons[-1]}" if reasons else ""
-            found.append((a, f"{a:.1f} to {b:.1f} s, {_WORDS[doubt]}{because}"))
-    lines = [text for _, text in sorted(found)]
-    if len(lines) > _MOST:
-        lines = [*lines[: _MOST - 1], f"and {len(lines) - _MOST + 1} more stretches of doubt"]
+    found = [
+        (doubt, a, b)
+        for doubt in Doubt if doubt is not Doubt.SURE
+        for a, b in spans(located.times, doubts == str(doubt))
+    ]  # fmt: skip
+    told = found
+    if len(found) > _MOST:
+        last_hover = max((a for doubt, a, _ in found if doubt is Doubt.HOVER), default=None)
+
+        def weight(stretch: tuple[Doubt, float, float]) -> tuple[bool, bool, int, float]:
+            doubt, a, b = stretch
+            is_last = doubt is Doubt.HOVER and a == last_hover
+            return doubt is Doubt.LAND, is_last, _ORDER.index(doubt), b - a
+
+        told = sorted(found, key=weight, reverse=True)[: _MOST - 1]
+    lines = [_in_words(located, *stretch) for stretch in sorted(told, key=lambda stretch: stretch[1])]
+    if len(told) < len(found):
+        n = len(found) - len(told)
+        lines.append(f"left out: the {n} mildest and shortest of {len(found)} stretches of doubt")
     return lines
+
+
+def _in_words(located: LocatedLog, doubt: Doubt, a: float, b: float) -> str:
+    inside = np.flatnonzero((located.times >= a) & (located.times <= b))
+    reason = main_reason([located.doubt_reasons[i] for i in inside])
+    begin, end = f"{a:.1f}", f"{b:.1f}"
+    when = f"at {begin} s" if begin == end else f"{begin} to {end} s"
+    return f"{when}, {_WORDS[doubt]}" + (f": {reason}" if reason else "")
+
+
+def main_reason(reasons: Sequence[str]) -> str:
+    """Return the reason that was given most often, in its last wording, the first of equals; or empty.
+
+    Reasons that differ in their numbers only ("for 1.2 s", "for 1.3 s") are one.
+    """
+    given = [(_NUMBER.sub("#", reason), reason) for reason in reasons if reason]
+    most = Counter(kind for kind, _ in given).most_common(1)
+    return [reason for kind, reason in given if kind == most[0][0]][-1] if most else ""
 
 
 def unseen_in_words(located: LocatedLog) -> list[str]:
