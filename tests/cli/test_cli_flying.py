@@ -219,3 +219,4 @@ def test_a_short_flight_from_the_command_line_to_its_report(noctule):
     assert said.last_json["max_command_step"]["linear"] <= 1.0 / 30.0 + 1e-9
     assert Path(said.last_json["recording"]).stat().st_size > 0
     assert Path(said.last_json["report"]).is_file()
+    assert json.loads(Path("here/summary.json").read_text())["report"] == said.last_json["report"]

@@ -45,6 +45,41 @@ def test_a_mistake_in_a_path_file_is_one_line(noctule, tmp_path):
     assert not (tmp_path / "way.png").exists()
 
 
+MISSION = """
+[space_path]
+speed = { cruise = 0.3 }
+[[space_path.segments]]
+kind = "line"
+points = [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]]
+"""
+
+
+def test_the_path_of_a_mission_is_drawn_before_it_is_flown(noctule, tmp_path):
+    (tmp_path / "my.toml").write_text(MISSION)
+    said = noctule("path", "show", "my.toml")
+    assert said.code == 0, said.err
+    assert said.out.startswith("path my.toml: 1.00 m (one way), 0.30 m/s")
+    assert (tmp_path / "my.png").is_file()
+    (tmp_path / "my.toml").write_text(MISSION.replace("cruise", "crusie"))
+    assert "did you mean cruise?" in noctule("path", "show", "my.toml").err
+
+
+def test_a_file_that_holds_no_path_in_space_is_one_line(noctule, tmp_path):
+    (tmp_path / "by-sight.toml").write_text('[path]\nfolder = "walk"\n')
+    said = noctule("path", "show", "by-sight.toml")
+    assert (said.code, said.err) == (
+        2,
+        "noctule: path by-sight.toml: a mission without a path in space; show its path's folder instead\n",
+    )
+    (tmp_path / "flight.mcap").write_bytes(b"x")
+    said = noctule("path", "show", "flight.mcap")
+    assert (said.code, said.err) == (
+        2,
+        "noctule: path flight.mcap: a file of another kind; expected a folder of key images, "
+        "waypoints (.csv), a path file or a mission (.toml)\n",
+    )
+
+
 def test_a_folder_is_still_a_visual_path(noctule, tmp_path):
     (tmp_path / "walk.csv").mkdir()
     said = noctule("path", "show", "walk.csv")

@@ -9,6 +9,7 @@ from flight_judged import BEGUN, PUSH, SECONDS, STOP, between, course, moved, ra
 
 from noctule.control.paths import eight
 from noctule.flight.located_judge import cross_track, figures_of, runs
+from noctule.flight.located_track import Track
 from noctule.messages import Doubt
 
 
@@ -101,6 +102,14 @@ def test_recovery_is_the_last_time_beyond_8_cm_within_3_s(until, seconds):
     assert found["recovery_s"]["max"] == pytest.approx(seconds, abs=0.04)
     near = figures_of(moved(out, [0.0, 0.0, 0.079, 0.0]), course())
     assert near["recovery_s"]["max"] == 0.0
+
+
+def test_a_flight_that_ends_before_the_vehicle_came_back_has_not_recovered_sooner():
+    one = moved(between(track(), 26.0, SECONDS), [0.0, 0.2, 0.0, 0.0])
+    cut = Track(*(getattr(one, name)[one.stamps < PUSH + 0.5] for name in Track.__dataclass_fields__))
+    assert figures_of(cut, course())["recovery_s"] == {"mean": 3.0, "max": 3.0}
+    landing = replace(one, path_time=np.where(one.stamps < PUSH + 0.5, one.path_time, np.nan))
+    assert figures_of(landing, course())["recovery_s"]["max"] == 3.0
 
 
 def test_a_vehicle_that_comes_back_and_leaves_again_has_not_recovered():

@@ -27,6 +27,7 @@ from noctule.localization.vehicle_file import save_vehicle_model
 from noctule.pilots.settings import PilotSettings
 from noctule.simulation.ceiling import CeilingSpec
 from noctule.simulation.ceiling.motions import gap
+from noctule.simulation.ceiling.room import lab_room
 from noctule.simulation.spec import VehicleSpec
 
 LINE = """
@@ -123,7 +124,35 @@ def test_a_path_outside_of_the_fence_is_refused_with_its_place():
         "my.toml: space_path: it is outside of the fence at s = 0.5"
     )
     assert mistakes(LINE + "[fence]\nx_max = 0.5\n").endswith(
-        "; expected x -2.75 to 0.5, y -3.25 to 3.25, z 0.15 to 2.75 m"
+        "; expected x -2.75 to 0.5, y -2.75 to 2.75, z 0.15 to 3.35 m"
+    )
+
+
+def test_without_a_room_it_is_flown_in_the_laboratory():
+    assert mission(LINE).room == lab_room(0)
+    assert mission(LINE + "[room]\nsize = [8.0, 6.0, 3.9]\n").room.size == (8.0, 6.0, 3.9)
+    again = Mission.model_validate_json(mission(LINE).model_dump_json())
+    assert again.room == lab_room(0)
+
+
+@pytest.mark.parametrize("place", ["z_m = 3.7", "x_m = -3.2", "y_m = 3.0"])
+def test_a_ceiling_camera_outside_of_the_room_is_refused_before_it_is_taught(place):
+    told = mistakes(LINE + f"[ceiling]\n{place}\n")
+    assert told.startswith("my.toml: ceiling: the camera hangs at (")
+    assert told.endswith(
+        "m, outside of the room; expected x -3 to 3, y -3 to 3, z up to 3.55 m; "
+        "move it, or make room.size larger"
+    )
+
+
+def test_a_ceiling_camera_that_measures_nothing_and_a_vehicle_of_another_name_are_named_with_their_line():
+    told = mistakes(LINE + "[ceiling]\nnearest_m = 5.0\nfarthest_m = 2.0\n")
+    assert (
+        told == "my.toml:5: ceiling: nearest_m is 5 and farthest_m is 2; expected nearest_m below farthest_m"
+    )
+    told = mistakes(LINE + '[vehicle]\nmodel = "identifed"\n')
+    assert told.startswith(
+        "my.toml:5: vehicle: vehicle model 'identifed' is not known; did you mean identified?"
     )
 
 

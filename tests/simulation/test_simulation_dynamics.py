@@ -159,9 +159,16 @@ def test_an_unknown_model_is_named_with_the_known_ones() -> None:
     with pytest.raises(UnknownModelError) as caught:
         make_model(VehicleSpec(model="first_oder"))
     assert str(caught.value) == (
-        "vehicle model 'first_oder' is not known; expected one of: first_order, identified; "
+        "vehicle model 'first_oder' is not known; did you mean first_order?; "
         "a package adds one as an entry point of the group 'noctule.vehicle_models'"
     )
+
+
+def test_an_unknown_model_that_is_like_none_is_told_them_all() -> None:
+    with pytest.raises(
+        UnknownModelError, match="'zeppelin' is not known; expected one of: first_order, identified; "
+    ):
+        make_model(VehicleSpec(model="zeppelin"))
 
 
 def test_a_package_adds_a_model_as_an_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,8 @@ from noctule.errors import NoctuleError
 if TYPE_CHECKING:
     from noctule.flight.mission import Mission
 
+SUMMARY = "summary.json"
+"""What a flight leaves beside its recording."""
 RESULTS = "campaign.json"
 """What a campaign leaves in its folder, for `noctule report` to lay beside another's."""
 
@@ -81,7 +84,7 @@ def _fly_one(asked: Asked) -> int:
 
 def _what_was_written(folder: Path) -> dict[str, Any]:
     try:
-        written: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        written: dict[str, Any] = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):  # a full disk may have taken it
         return {}
     return written
@@ -129,10 +132,17 @@ def with_report(summary: Mapping[str, Any]) -> dict[str, Any]:
     """
     from noctule.reports import write_report
 
-    return {
-        **summary,
-        "report": _or_say_why(lambda: write_report(Path(summary["recording"]), judged=summary)),
-    }
+    recording = Path(summary["recording"])
+    report = _or_say_why(lambda: write_report(recording, judged=summary))
+    _note_report(recording.with_name(SUMMARY), report)
+    return {**summary, "report": report}
+
+
+def _note_report(file: Path, report: str | None) -> None:
+    """Say in what the flight wrote where its report is; a disk that is full has been told of already."""
+    with suppress(OSError, ValueError):
+        written = {**json.loads(file.read_text(encoding="utf-8")), "report": report}
+        file.write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
 
 
 def _or_say_why(write: Callable[[], Path]) -> str | None:

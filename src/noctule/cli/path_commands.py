@@ -84,18 +84,18 @@ def teach(
 
 
 def path_show(folder: Path, /, *, out: Path | None = None, json: Flag = False) -> int:
-    """Draw a path: the contact sheet of a folder and what neighbours share, or the way of a path file.
+    """Draw a path: a folder's contact sheet and what neighbours share, or the way of a path file or mission.
 
     Parameters
     ----------
     folder
-        A folder of key images, or a file of a path in space: waypoints (.csv) or pieces (.toml).
+        A folder of key images, a file of a path in space: waypoints (.csv) or pieces (.toml), or a mission.
     out
         The PNG file to draw; left out, contact-sheet.png in the folder, or beside the file with its name.
     json
         End standard output with one JSON object.
     """
-    if folder.suffix.lower() in (".csv", ".toml") and not folder.is_dir():
+    if folder.is_file() or (folder.suffix.lower() in (".csv", ".toml") and not folder.is_dir()):
         from noctule.cli.space_paths import show_space_path
 
         return show_space_path(folder, out, json)

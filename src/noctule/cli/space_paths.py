@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from noctule.cli.show import as_json
+from noctule.errors import NoctuleError
 
 if TYPE_CHECKING:
     from noctule.control.paths import PathPlan, Stop
 
 
+class NoPathError(NoctuleError):
+    """A file that holds no path."""
+
+
 def show_space_path(file: Path, out: Path | None, json: bool) -> int:
-    """Draw a path file and print its figures; 0 when it can be flown."""
-    from noctule.flight.space_path_file import read_space_path
+    """Draw the path of a path file or a mission and print its figures; 0 when it can be flown."""
     from noctule.reports.space_path_figure import write_space_path_figure
 
-    plan = read_space_path(file)
+    plan = _plan_of(file)
     picture = write_space_path_figure(plan, file.name, out or file.with_suffix(".png"))
     figures = figures_of(plan)
     if json:
@@ -25,6 +30,32 @@ def show_space_path(file: Path, out: Path | None, json: bool) -> int:
     else:
         print("\n".join([f"path {file}: {in_words(figures)}", *stop_lines(plan), f"figure: {picture}"]))
     return 0
+
+
+def _plan_of(file: Path) -> PathPlan:
+    """Return what a file says is to be flown in space. Raises NoPathError, and what reading it raises."""
+    from noctule.flight import load_mission
+    from noctule.flight.space_path_file import read_space_path
+
+    if file.suffix.lower() not in (".csv", ".toml"):
+        raise NoPathError(
+            f"path {file}: a file of another kind; expected a folder of key images, waypoints (.csv), a path "
+            "file or a mission (.toml)"
+        )
+    if not _is_mission(file):
+        return read_space_path(file)
+    mission = load_mission(file)
+    if mission.space_path is None:
+        raise NoPathError(f"path {file}: a mission without a path in space; show its path's folder instead")
+    return mission.space_plan(str(file))
+
+
+def _is_mission(file: Path) -> bool:
+    try:
+        keys = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # whoever reads it says what is wrong
+        return False
+    return "space_path" in keys or "path" in keys
 
 
 def figures_of(plan: PathPlan) -> dict[str, Any]:

@@ -111,13 +111,17 @@ def estimate_errors(track: Track) -> Array:
 def recovery(track: Track, off: Array, push: float) -> float | None:
     """Return the last time [s] after a push, within 3 s, at which `off` (n,) [m] was above 8 cm.
 
-    Time counts from the push's beginning; 0 when it never was, None for a push that no tick followed. `off`
-    is the distance from the held point in a stop, else that from the path.
+    Time counts from the push's beginning; 0 when it never was, None for a push that no tick followed, and 3
+    where it had not come back by then, or when the flight ended. `off` is the distance from the held point in
+    a stop, else that from the path.
     """
     after = (track.stamps >= push) & (track.stamps < push + PUSHED) & (track.path_time >= 0.0)
     if not after.any():
         return None
-    above = track.stamps[after & (off > BACK)]
+    far = off[after] > BACK
+    if far[-1]:
+        return PUSHED
+    above = track.stamps[after][far]
     return float(above[-1] - push) if above.size else 0.0
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, field_validator, model_validator
 
 from noctule.control.cascade import DelayTooLongError
 from noctule.control.paths import PathPlan
@@ -33,6 +33,8 @@ from noctule.localization.vehicle_file import load_vehicle_model
 from noctule.pilots.located_settings import HandoverSettings, LocatedSettings
 from noctule.pilots.settings import PilotSettings
 from noctule.settings import Settings
+from noctule.simulation.ceiling.room import lab_room
+from noctule.simulation.dynamics import UnknownModelError, check_model_name
 from noctule.simulation.spec import CameraSpec, LimitsSpec, RoomSpec, VehicleSpec
 
 __all__ = [
@@ -53,6 +55,7 @@ __all__ = [
     "load_mission",
     "parse_mission",
 ]
+_BELOW_CEILING = 0.05  # [m], of the camera's eye
 _OF_LOCATED = ("located", "handover", "ceiling", "vehicle_model", "people")
 
 
@@ -67,7 +70,8 @@ class UnknownMissionError(NoctuleError):
 class Mission(Settings):
     """A whole mission; every group has defaults, but it needs a path, a space_path, or both.
 
-    With both the path in space ends where the visual one begins, and the flight is handed over there.
+    With both the path in space ends where the visual one begins, and the flight is handed over there. With a
+    space_path and no room it is flown in the laboratory of the experiments.
     """
 
     name: str = Field("mission", min_length=1, max_length=80, description="what it is called")
@@ -89,6 +93,23 @@ class Mission(Settings):
     flight: FlightSettings = FlightSettings()
     recording: RecordingSettings = RecordingSettings()
     _text: str = PrivateAttr("")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_the_lab(cls, given: Any) -> Any:
+        # The usual room is lower than the usual ceiling camera hangs.
+        if isinstance(given, dict) and given.get("space_path") and "room" not in given:
+            return {**given, "room": lab_room(0)}
+        return given
+
+    @field_validator("vehicle")
+    @classmethod
+    def _known_model(cls, vehicle: VehicleSpec) -> VehicleSpec:
+        try:
+            check_model_name(vehicle.model)
+        except UnknownModelError as error:
+            raise ValueError(str(error)) from None
+        return vehicle
 
     @model_validator(mode="after")
     def _something_to_fly(self) -> Self:
@@ -182,7 +203,8 @@ def check_flyable(mission: Mission, name: str) -> PathPlan:
     SpacePathFileError
         When the path asks for more than the limits, at its place on the path.
     MissionFileError
-        When it, or the start, is outside of the fence, it never ends, or the vehicle answers too late.
+        When it, or the start, is outside of the fence, the ceiling camera outside of the room, it never
+        ends, or the vehicle answers too late.
     UnseenPathError
         When the ceiling camera cannot see the drone somewhere along it, or at the start.
     """
@@ -190,6 +212,7 @@ def check_flyable(mission: Mission, name: str) -> PathPlan:
     fence = mission.fence.values(mission.room)
     ceiling = mission.ceiling.spec
     begin = mission.start.nominal.position
+    _require_in_room(mission, name)
     for position, what in ((plan.path.position, "space_path: it"), (begin[None], "start: it")):
         outside = ((position < np.array(fence.low)) | (position > np.array(fence.high))).any(axis=1)
         if outside.any():
@@ -211,6 +234,18 @@ def check_flyable(mission: Mission, name: str) -> PathPlan:
     except DelayTooLongError as error:
         raise MissionFileError(f"{name}: {error}") from None
     return plan
+
+
+def _require_in_room(mission: Mission, name: str) -> None:
+    camera, room = mission.ceiling, mission.room
+    x, y, z = camera.x_m, camera.y_m, camera.z_m
+    if room.x_min < x < room.x_max and room.y_min < y < room.y_max and z <= room.size[2] - _BELOW_CEILING:
+        return
+    raise MissionFileError(
+        f"{name}: ceiling: the camera hangs at ({x:.2f}, {y:.2f}, {z:.2f}) m, outside of the room; "
+        f"expected x {room.x_min:g} to {room.x_max:g}, y {room.y_min:g} to {room.y_max:g}, z up to "
+        f"{room.size[2] - _BELOW_CEILING:g} m; move it, or make room.size larger"
+    )
 
 
 def _place(plan: PathPlan, position: Array, k: int) -> str:

@@ -6,10 +6,11 @@ gives on vectors of three.
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol
 
 from noctule.errors import NoctuleError
@@ -116,17 +117,27 @@ def make_model(spec: VehicleSpec) -> VehicleModel:
 
     Raises UnknownModelError.
     """
+    check_model_name(spec.model)
     factory = _FACTORIES.get(spec.model)
     if factory is None:
-        found = {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
-        if spec.model not in found:
-            known = ", ".join(sorted({*_FACTORIES, *found}))
-            raise UnknownModelError(
-                f"vehicle model {spec.model!r} is not known; expected one of: {known}; "
-                f"a package adds one as an entry point of the group {ENTRY_POINT_GROUP!r}"
-            )
-        factory = found[spec.model].load()
+        factory = _in_packages()[spec.model].load()
     return factory(spec)
+
+
+def check_model_name(name: str) -> None:
+    """Raise UnknownModelError unless a model is called so."""
+    known = sorted({*_FACTORIES, *_in_packages()})
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]}?" if near else f"expected one of: {', '.join(known)}"
+        raise UnknownModelError(
+            f"vehicle model {name!r} is not known; {hint}; a package adds one as an entry point of the group "
+            f"{ENTRY_POINT_GROUP!r}"
+        )
+
+
+def _in_packages() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
 
 
 @dataclass(slots=True)

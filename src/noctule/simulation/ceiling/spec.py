@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from noctule.camera import CEILING_CAMERA, FixedCamera, PinholeCamera
 from noctule.geometry import Array, rot_x, rot_y, rot_z
@@ -93,6 +94,15 @@ class CeilingSpec(Settings):
     colour: bool = Field(False, description="frames carry a colour picture")
     markers: bool = Field(False, description="a red marker in front and a blue one behind, on its top")
     bump: BumpSpec | None = Field(None, description="it is moved in the flight")
+
+    @model_validator(mode="after")
+    def _some_range(self) -> Self:
+        if self.nearest_m >= self.farthest_m:
+            raise ValueError(
+                f"nearest_m is {self.nearest_m:g} and farthest_m is {self.farthest_m:g}; expected nearest_m "
+                "below farthest_m"
+            )
+        return self
 
     @property
     def camera(self) -> FixedCamera:
