@@ -135,6 +135,16 @@ def test_a_site_without_calibrated_sensors_has_those_that_nobody_calibrated(flow
     assert sensors == type(sensors)()
 
 
+def test_a_flight_with_an_offset_that_no_site_may_have_is_replayed_as_it_was_flown(flown):
+    """From when such an offset was still taken."""
+    changed = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(flown.files["site.zip"])) as old, zipfile.ZipFile(changed, "w") as new:
+        for name in old.namelist():
+            new.writestr(name, old.read(name).replace(b"offset = [0.0, 0.0,", b"offset = [0.0, -1.4,"))
+    site, _ = recorded_site(replace(flown, files={**flown.files, "site.zip": changed.getvalue()}))
+    assert site.camera.offset.tolist() == [0.0, -1.4, 0.0]
+
+
 def test_the_mission_of_a_recording_is_the_one_that_was_flown(flown):
     mission = recorded_mission(flown)
     assert isinstance(mission, Mission)

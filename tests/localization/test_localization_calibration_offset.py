@@ -10,12 +10,15 @@ from hypothesis import strategies as st
 from noctule.camera import CEILING_CAMERA, FixedCamera
 from noctule.errors import NoctuleError
 from noctule.localization.calibration.offset import (
+    LARGEST_OFFSET,
+    LargeOffsetError,
     MovedDroneError,
     PlacesDisagreeError,
     ScatterError,
     SlantError,
     Standing,
     TooFewMeasurementsError,
+    check_offset,
     corrected,
     measure_offset,
     next_place,
@@ -162,6 +165,41 @@ def test_the_slant_is_told_along_axes_where_the_places_are_known(known, told):
     assert found.slant == pytest.approx(-0.008 if told else 0.0, abs=2e-4)
     assert found.bias[0] == 0.0
     assert found.bias[2] == pytest.approx(BIAS[2])
+
+
+TYPED_WRONGLY = [
+    ([-9.9, 69.3, 0.0], "x -9900, y +69300, z +0 mm"),  # centimetres for metres
+    ([0.001, -1.3968, 0.0], "x +1, y -1397, z +0 mm"),  # another sign
+    ([0.002, -0.003, -0.5], "x +2, y -3, z -500 mm"),  # another stool's height
+]
+
+
+@pytest.mark.parametrize(("bias", "found"), TYPED_WRONGLY)
+@pytest.mark.parametrize("places", [ASIDE[:1], ASIDE])
+def test_an_offset_of_a_wrong_place_is_refused(places, bias, found):
+    """At one place, and where all places are wrong by the same."""
+    standings = [
+        Standing(s.true - bias, s.measured) for s in seen_from(EYE, places, -0.008, bias=np.zeros(3))
+    ]
+    with pytest.raises(LargeOffsetError) as told:
+        measure_offset(standings, EYE, slant=-0.008)
+    assert str(told.value) == (
+        f"offset: measured minus true is {found}, expected 150 mm or less along each (25 to 30 mm are "
+        "usual); check where the drone stood (--at and --height, or the file of places: metres, and their "
+        "signs), and where camera.toml says that the camera hangs"
+    )
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_an_offset_is_plausible_up_to_the_limit_along_every_axis(axis, sign):
+    bias = np.zeros(3)
+    bias[axis] = sign * LARGEST_OFFSET
+    check_offset(bias)
+    for beyond in (np.nextafter(bias[axis], sign * 1.0), np.nan, sign * np.inf):
+        bias[axis] = beyond
+        with pytest.raises(LargeOffsetError):
+            check_offset(bias)
 
 
 def test_the_origin_of_a_standing_drone_is_half_its_hull_above_the_floor():

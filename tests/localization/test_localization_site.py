@@ -185,6 +185,34 @@ def test_every_mistake_in_camera_toml_is_one_line_that_names_the_key(tmp_path, g
     assert line.endswith(f"; {CALIBRATE}")
 
 
+FAR_OFFSETS = [
+    ([-9.9, 69.3, -0.000304], "-9.9, 69.3, -0.000304"),
+    ([0.0, -1.3967813, 0.0], "0, -1.397, 0"),
+    ([0.0, 0.0, 0.1501], "0, 0, 0.1501"),
+]
+
+
+@pytest.mark.parametrize(("offset", "found"), FAR_OFFSETS)
+def test_an_offset_that_cannot_be_is_refused_except_by_who_measures_it_anew(tmp_path, offset, found):
+    save_camera(tmp_path, replace(SIMULATED, offset=np.array(offset)))
+    line = (
+        f"site file {tmp_path}/camera.toml: offset is {found} m, expected 0.15 m or less along each axis; "
+        "measure it again with `noctule calibrate offset`, or set it to [0.0, 0.0, 0.0]"
+    )
+    assert said(load_camera, tmp_path) == line
+    assert said(load_site, tmp_path) == line
+    assert load_camera(tmp_path, any_offset=True).offset.tolist() == offset
+    # Let pass, it is the next file that is missing.
+    assert "background.npz: is missing" in said(load_site, tmp_path, True)
+
+
+@given(st.lists(st.floats(-0.15, 0.15), min_size=3, max_size=3))
+def test_an_offset_that_can_be_comes_back_to_the_last_bit(tmp_path_factory, offset):
+    folder = tmp_path_factory.mktemp("site")
+    save_camera(folder, replace(SIMULATED, offset=np.array(offset)))
+    assert load_camera(folder).offset.tolist() == offset
+
+
 def test_another_format_is_named(tmp_path):
     save_camera(tmp_path, SIMULATED)
     path = tmp_path / "camera.toml"

@@ -87,7 +87,8 @@ def recorded_site(recording: Recording) -> tuple[Site, Sensors]:
     """
     with _unpacked(recording, "site") as folder:
         sensors = load_sensors(folder) if (folder / SENSORS).exists() else Sensors()
-        return load_site(folder), sensors
+        # What was flown is replayed as it was, with an offset too that no site may have any more.
+        return load_site(folder, any_offset=True), sensors
 
 
 @contextmanager

@@ -21,6 +21,7 @@ from pydantic import Field, model_validator
 from noctule.camera import CEILING_CAMERA, FixedCamera, PinholeCamera
 from noctule.geometry import Array
 from noctule.localization.calibration.lens import Lens, straightener
+from noctule.localization.calibration.offset import LARGEST_OFFSET, plausible
 from noctule.localization.detector_file import Detectors, load_detectors, save_detectors
 from noctule.localization.locator import Locator, LocatorSettings
 from noctule.localization.site_files import (
@@ -43,6 +44,7 @@ from noctule.vision.depth.background import Background
 
 CAMERA, BACKGROUND, TEMPLATE = "camera.toml", "background.npz", "template.npz"
 _CALIBRATE = "calibrate the camera with `noctule calibrate camera`"
+_MEASURE = "measure it again with `noctule calibrate offset`, or set it to [0.0, 0.0, 0.0]"
 _LEARN_ROOM = "learn the empty room with `noctule calibrate background`"
 _LEARN_VIEW = "learn the drone's top view with `noctule calibrate template`"
 _HEADER = """\
@@ -104,12 +106,22 @@ def save_camera(folder: Path, camera: SiteCamera) -> None:
     write_whole(folder / CAMERA, (_HEADER + toml(values)).encode())
 
 
-def load_camera(folder: Path) -> SiteCamera:
-    """Read camera.toml; raises SiteFileError, SiteFormatError."""
+def load_camera(folder: Path, any_offset: bool = False) -> SiteCamera:
+    """Read camera.toml; raises SiteFileError, SiteFormatError.
+
+    An offset that cannot be is refused too; with `any_offset` it is not, for whoever measures it anew.
+    """
     file = read_toml(folder / CAMERA, _CameraFile, _CALIBRATE)
     intrinsics = PinholeCamera(file.width, file.height, file.fx, file.fy, file.cx, file.cy)
     fixed = FixedCamera(intrinsics, np.array(file.R_world_camera), np.array(file.t_world_camera))
-    return SiteCamera(fixed, Lens(*file.lens), np.array(file.offset))
+    offset = np.array(file.offset)
+    if not any_offset and not plausible(offset):
+        found = ", ".join(f"{value:.4g}" for value in file.offset)
+        raise SiteFileError(
+            f"site file {folder / CAMERA}: offset is {found} m, expected {LARGEST_OFFSET:g} m or less along "
+            f"each axis; {_MEASURE}"
+        )
+    return SiteCamera(fixed, Lens(*file.lens), offset)
 
 
 def save_background(folder: Path, background: Background, camera: FixedCamera) -> None:
@@ -184,9 +196,12 @@ class Site:
     template: Template
 
 
-def load_site(folder: Path) -> Site:
-    """Read a whole site; raises SiteFileError, SiteFormatError, SiteCameraError, one file after the other."""
-    camera = load_camera(folder)
+def load_site(folder: Path, any_offset: bool = False) -> Site:
+    """Read a whole site; raises SiteFileError, SiteFormatError, SiteCameraError, one file after the other.
+
+    With `any_offset` an offset that cannot be is let pass.
+    """
+    camera = load_camera(folder, any_offset)
     background = load_background(folder, camera.camera)
     return Site(camera, background, load_detectors(folder, camera.camera), load_template(folder))
 

@@ -21,6 +21,10 @@ from noctule.messages import PoseMeasurement
 FEWEST = 30  # measurements at a place, a second's
 LARGEST_SCATTER = 0.015  # [m], sd of an axis
 LARGEST_MOVE = 0.006  # [m], between the first and the last third of the measurements
+LARGEST_OFFSET = 0.15
+"""[m], along each axis. Of it 0.03 is a template's and a sensor's, and the rest a camera's pose: one that is
+accepted is known to 15 mm and 0.3 degrees (sd), which at 5 m is 30 mm; three sd of both are 0.10. More than
+that is no constant error: a place that was typed or measured wrongly, or another place of the camera."""
 LARGEST_DISAGREEMENT = 0.020  # [m], between the offsets of two places
 LEAST_SPREAD = 0.3  # of the cubed slopes of the rays to the places, so that the slant is told to some mm
 LARGEST_SLANT = 0.04  # [m]; a drone's is 0.01, more is a place that was measured wrongly
@@ -43,6 +47,10 @@ class ScatterError(NoctuleError):
 
 class PlacesDisagreeError(NoctuleError):
     """Places whose offsets differ: then the error is not constant, and the camera's pose is at fault."""
+
+
+class LargeOffsetError(NoctuleError):
+    """An offset that no template, sensor and camera's pose have: a place is wrong."""
 
 
 class SlantError(NoctuleError):
@@ -93,6 +101,8 @@ def measure_offset(standings: Sequence[Standing], eye: Array | None = None, slan
         When the offsets at the places differ.
     SlantError
         When what would make the places agree is more than any drone's slant.
+    LargeOffsetError
+        When the offset is too large for a constant error, as `check_offset` says.
     """
     if not standings:
         raise TooFewMeasurementsError("offset: no place is given, expected a drone standing at one or more")
@@ -128,7 +138,24 @@ def measure_offset(standings: Sequence[Standing], eye: Array | None = None, slan
             f"{1000 * LARGEST_SLANT:.0f} mm or less; measure the places again, or calibrate again where the "
             "camera hangs"
         )
+    check_offset(bias)
     return Offset(bias, scatter, disagreement, len(standings), slant, found is not None, offsets - bias)
+
+
+def plausible(bias: Array) -> bool:
+    """Return whether an offset (3,) [m] can be the constant error of positions; nan and inf cannot."""
+    return bool((np.abs(bias) <= LARGEST_OFFSET).all())
+
+
+def check_offset(bias: Array) -> None:
+    """Raise LargeOffsetError unless an offset (3,) [m] is plausible."""
+    if not plausible(bias):
+        x, y, z = (f"{1e3 * float(b):+z.0f}" for b in bias)
+        raise LargeOffsetError(
+            f"offset: measured minus true is x {x}, y {y}, z {z} mm, expected {1e3 * LARGEST_OFFSET:.0f} mm "
+            "or less along each (25 to 30 mm are usual); check where the drone stood (--at and --height, or "
+            "the file of places: metres, and their signs), and where camera.toml says that the camera hangs"
+        )
 
 
 def next_place(standings: Sequence[Standing], camera: FixedCamera) -> Array | None:
