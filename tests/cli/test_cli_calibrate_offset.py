@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,14 @@ from cli_room import leave, leave_simulated_site
 from noctule.cli.app import run
 from noctule.flight.depth_recording import read_depth_recording
 from noctule.flight.depth_scene import STAND, Scene
-from noctule.localization.site import load_camera, load_site, load_template, locator_of, save_template
+from noctule.localization.site import (
+    load_camera,
+    load_site,
+    load_template,
+    locator_of,
+    save_camera,
+    save_template,
+)
 
 STOOLS = {"below": (0.1, -0.7, 0.7), "middle": (-0.4, 0.2, 0.7), "far": (0.4, 1.3, 0.8)}
 BESIDE = {"beside": (0.4, -0.5, 0.7), "behind": (-0.1, -0.9, 0.7)}
@@ -198,6 +206,89 @@ def test_places_that_disagree_write_nothing(room):
     assert said.err.count("\n") == 1
     assert contents("lab") == before
     assert not Path("o").exists()
+
+
+LIMIT = (
+    "expected 150 mm or less along each (25 to 30 mm are usual); check where the drone stood (--at and "
+    "--height, or the file of places: metres, and their signs), and where camera.toml says that the camera "
+    "hangs"
+)
+MISTYPED = {
+    "centimetres": ("0.7", "10,-70", r"x -9\d{3}, y \+69\d{3}, z [-+]\d mm"),
+    "sign": ("0.7", "0.1,0.7", r"x [-+]\d, y -1[34]\d\d, z [-+]\d mm"),
+    "height": ("1.7", "0.1,-0.7", r"x [-+]\d, y [-+]\d, z -(1000|99\d|100\d) mm"),
+    "height alone": ("1.7", None, r"x \+0, y \+0, z -(1000|99\d|100\d) mm"),
+}
+
+
+@pytest.mark.parametrize(("height", "at", "found"), MISTYPED.values(), ids=MISTYPED)
+def test_a_place_that_was_mistyped_is_one_line_and_nothing_is_written(room, height, at, found):
+    before = contents("lab")
+    where = ("--height", height, *([] if at is None else [f"--at={at}"]))
+    said = room(None, "--recording", "stools/below.mcap", *where, "--out", "o", "--json")
+    assert said.code == 2
+    line = rf"offset: measured minus true is {found}, {re.escape(LIMIT)}"
+    assert re.fullmatch(f"noctule: {line}\n", said.err)
+    assert re.fullmatch(line, said.last_json["error"])
+    assert contents("lab") == before
+    assert not Path("o").exists()
+
+
+def test_a_file_of_places_that_is_wrong_everywhere_alike_writes_nothing(room):
+    before = contents("lab")
+    rows = [f"{name}.mcap,{x},{y},{z + 0.3}\n" for name, (x, y, z) in STOOLS.items()]
+    said = room(HEADER + "".join(rows), "--out", "o")
+    assert said.code == 2
+    found = r"noctule: offset: measured minus true is x [-+]\d, y [-+]\d, z -(300|29\d|30\d) mm, "
+    assert re.fullmatch(found + re.escape(LIMIT) + "\n", said.err)
+    assert contents("lab") == before
+    assert not Path("o").exists()
+
+
+def test_a_site_whose_offset_cannot_be_is_refused_until_it_is_measured_again(noctule, room):
+    known = load_camera(Path("lab"))
+    save_camera(Path("lab"), replace(known, offset=np.array([0.0, -1.3968, 0.0])))
+    said = noctule("locate", "--simulated", "--seconds", "0.2", "--site", "lab", "--out", "l")
+    assert (said.code, said.err) == (
+        2,
+        "noctule: site file lab/camera.toml: offset is 0, -1.397, 0 m, expected 0.15 m or less along each "
+        "axis; measure it again with `noctule calibrate offset`, or set it to [0.0, 0.0, 0.0]\n",
+    )
+    x, y, z = STOOLS["below"]
+    where = ("--recording", "stools/below.mcap", "--height", str(z), f"--at={x},{y}")
+    assert room(None, *where).code == 0
+    assert np.abs(load_camera(Path("lab")).offset).max() < 0.01
+    assert noctule("locate", "--simulated", "--seconds", "0.2", "--site", "lab", "--out", "l").code == 0
+
+
+def test_the_simulated_drone_stands_where_it_is_said_to(room):
+    x, y, z = STOOLS["middle"]
+    place = ("--height", str(z), f"--at={x},{y}")
+    simulated = room(None, "--simulated", "--seconds", "1.5", *place, "--json").last_json
+    recorded = room(None, "--recording", "stools/middle.mcap", *place, "--json").last_json
+    assert simulated == recorded  # the same frames, bit for bit
+    assert np.abs(simulated["offset_m"]).max() < 0.02
+    assert load_camera(Path("lab")).offset.tolist() == simulated["offset_m"]
+
+
+def test_a_simulated_drone_whose_x_and_y_are_not_said_stands_in_the_middle_as_high_as_said(room):
+    told = room(None, "--simulated", "--seconds", "1.5", "--height", "0.7", "--json").last_json
+    assert told["offset_m"][:2] == [0.0, 0.0]
+    assert abs(told["offset_m"][2]) < 0.01
+    said = room(None, "--simulated", "--seconds", "1.5", "--height", "0.7", "--at", "0,0", "--json").last_json
+    assert said["offset_m"][2] == told["offset_m"][2]  # it stood at 0, 0
+    assert said["offset_m"][:2] != [0.0, 0.0]
+
+
+@pytest.mark.parametrize(("at", "height"), [("9,9", "1.2"), ("0,0", "3.2"), ("0,0", "9")])
+def test_a_place_that_the_simulated_camera_does_not_see_is_one_line(noctule, at, height):
+    said = noctule("calibrate", "offset", "--simulated", "--site", "s", "--at", at, "--height", height)
+    x, y = at.split(",")
+    assert (said.code, said.err) == (
+        2,
+        f"noctule: calibrate offset: the simulated camera does not see the whole drone at x {x}, y {y}, "
+        f"height {height} m; expected a place nearer to the middle of its picture\n",
+    )
 
 
 @pytest.mark.parametrize(

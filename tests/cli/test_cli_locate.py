@@ -255,17 +255,17 @@ def test_the_drone_of_the_simulated_room_is_located_to_millimetres(noctule, simu
     assert told["errors"]["yaw_sd_deg"] < 3.0
 
 
-STANDS = ("calibrate", "offset", "--simulated", "--seconds", "1.5", "--out", "o")
-
-
 def test_the_offset_of_a_standing_drone_is_found_and_kept(noctule, simulated):
-    said = noctule(*STANDS, "--site", str(simulated), "--height", "1.22", "--at", "0.01,0")
+    stand = ("--flight", "stand", "--seconds", "1.5", "--out", "stand.mcap")
+    assert noctule("calibrate", "record", "--simulated", *stand).code == 0
+    recorded = ("calibrate", "offset", "--recording", "stand.mcap", "--site", str(simulated), "--out", "o")
+    said = noctule(*recorded, "--height", "1.22", "--at", "0.01,0")
     assert (said.code, said.err) == (0, "")
     assert said.out.startswith("offset: measured minus true is x -")
     # It stands 10 mm less ahead and 20 mm lower than was said.
     offset = load_camera(Path("o")).offset
     assert offset == pytest.approx([STAND[0] - 0.01, STAND[1], STAND[2] - 1.22], abs=0.008)
-    told = noctule(*STANDS, "--site", str(simulated), "--height", "1.2", "--json").last_json
+    told = noctule(*recorded, "--height", "1.2", "--json").last_json
     assert told["offset_m"][:2] == [0.0, 0.0]
     assert load_camera(simulated).offset.tolist() == [0.0, 0.0, 0.0]
 

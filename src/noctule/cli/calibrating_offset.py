@@ -11,7 +11,7 @@ from noctule.cli.depth_options import SourceOptions, depth_source
 from noctule.cli.depth_stream import Stream, open_stream
 from noctule.cli.options import out_folder
 from noctule.cli.show import as_json
-from noctule.cli.standing_places import PlaceError, read_height, read_place, read_places
+from noctule.cli.standing_places import PlaceError, read_height, read_place, read_places, simulated_place
 
 if TYPE_CHECKING:
     from noctule.flight.depth_sources import DepthSource
@@ -40,7 +40,7 @@ def find_offset(options: SourceOptions, site: Path, said: OffsetOptions, json: b
     from noctule.localization.site import CAMERA, TEMPLATE, load_site, save_camera, save_template
 
     sources = _one_place(options, said) if said.places is None else _several(options, said, said.places)
-    known = load_site(site)
+    known = load_site(site, any_offset=True)  # that in the file is forgotten: it is measured anew
     streams = [open_stream(source, known.camera, known.background) for source, _ in sources]
     standings = [_located(s, known, place) for s, (_, place) in zip(streams, sources, strict=True)]
     if said.places is not None:
@@ -72,7 +72,8 @@ def _one_place(options: SourceOptions, said: OffsetOptions) -> list[tuple[DepthS
             "places with --places FILE"
         )
     place = np.array([*read_place(said.at), read_height(said.height)])
-    return [(depth_source(options, _COMMAND, "stand", SECONDS), place)]
+    at = simulated_place(_COMMAND, said.at, said.height) if options.simulated else None
+    return [(depth_source(options, _COMMAND, "stand", SECONDS, at), place)]
 
 
 def _several(options: SourceOptions, said: OffsetOptions, file: Path) -> list[tuple[DepthSource, Array]]:

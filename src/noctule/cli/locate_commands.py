@@ -88,7 +88,7 @@ def calibrate_offset(
 
     Turn it there by a quarter now and then: what its template is off by averages out. One place (a source,
     --height and --at) gives the offset; several (--places) also the slant, what positions seen from aside are
-    off by.
+    off by. An offset of more than 0.15 m is refused: then a place is wrong, or where the camera hangs.
 
     Parameters
     ----------
@@ -97,8 +97,10 @@ def calibrate_offset(
     height
         How high the middle of its hull is above the floor [m]: best on a stool that was there when the
         background was learned, about as high as it will fly. On the floor it is measured below the camera.
+        With --simulated the drone is put there.
     at
-        Where it stands, as x,y [m]; left out, only the altitude is corrected.
+        Where it stands, as x,y [m]; left out, only the altitude is corrected. With --simulated the drone is
+        put there; left out, at 0,0.
     places
         Instead of a source: a .csv file with a line recording,x,y,z for each of three places and more,
         below the camera and far aside of it. The recording is an .mcap file or a folder of images beside it.

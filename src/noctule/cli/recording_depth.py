@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from noctule.cli.depth_options import Place, SourceOptions, depth_source
 from noctule.cli.show import as_json
-from noctule.cli.standing_places import PlaceError, read_height, read_place
+from noctule.cli.standing_places import PlaceError, simulated_place
 from noctule.errors import NoctuleError
 
 if TYPE_CHECKING:
@@ -22,24 +22,12 @@ class RecordingExistsError(NoctuleError):
 
 def standing_place(flight: Flight, at: str | None, height: float | None) -> Place | None:
     """Return where the simulated drone stands, None where nothing is said; raises PlaceError."""
-    import numpy as np
-
-    from noctule.flight.depth_scene import STAND, Scene
-    from noctule.simulation.ceiling.flights import sees_whole
-
     if at is None and height is None:
         return None
     if flight != "stand":
         option = "--height" if at is None else "--at"
         raise PlaceError(f"calibrate record: {option} goes with --flight stand alone; leave it out")
-    x, y = STAND[:2] if at is None else read_place(at)
-    place = x, y, STAND[2] if height is None else read_height(height)
-    if not sees_whole(Scene(flight).spec.camera, np.array(place)):
-        raise PlaceError(
-            f"calibrate record: the simulated camera does not see the whole drone at x {x:g}, y {y:g}, "
-            f"height {place[2]:g} m; expected a place nearer to the middle of its picture"
-        )
-    return place
+    return simulated_place("calibrate record", at, height)
 
 
 def record_depth(options: SourceOptions, out: Path, flight: Flight, at: Place | None, json: bool) -> int:

@@ -8,6 +8,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from noctule.cli.depth_options import Place
 from noctule.errors import NoctuleError
 
 COLUMNS = ("recording", "x", "y", "z")
@@ -48,6 +49,23 @@ def read_height(height: float) -> float:
     if not 0.0 <= height <= _HIGHEST:
         raise PlaceError(f"--height is {height:g}, expected 0 to {_HIGHEST:g} m")
     return height
+
+
+def simulated_place(command: str, at: str | None, height: float | None) -> Place:
+    """Return where the simulated drone stands, as usual where nothing is said; raises PlaceError."""
+    import numpy as np
+
+    from noctule.flight.depth_scene import STAND, Scene
+    from noctule.simulation.ceiling.flights import sees_whole
+
+    x, y = STAND[:2] if at is None else read_place(at)
+    place = x, y, STAND[2] if height is None else read_height(height)
+    if not sees_whole(Scene("stand").spec.camera, np.array(place)):
+        raise PlaceError(
+            f"{command}: the simulated camera does not see the whole drone at x {x:g}, y {y:g}, height "
+            f"{place[2]:g} m; expected a place nearer to the middle of its picture"
+        )
+    return place
 
 
 def read_places(file: Path) -> list[RecordedPlace]:
