@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from cli_room import CAMERA, DETECTORS, depth, leave, leave_simulated_site, leave_site
 
-from noctule.cli.locating import Status, Tally, status_line
+from noctule.cli.locating import Status, Tally, in_words, status_line
 from noctule.flight.depth_recording import read_depth_recording
 from noctule.flight.depth_scene import STAND
 from noctule.geometry import Pose
@@ -104,6 +104,14 @@ def test_it_ends_with_what_was_seen_and_the_reasons_where_nothing_was(pretended)
     ]
     assert lines[5].startswith("time: ")
     assert lines[6:] == ["table: o/located.csv", "recording: o/located.mcap"]
+
+
+def test_of_no_frame_no_time_is_told():
+    counted = {"tracked": 0, "frames": 0, "slips": 0, "reasons": {}, "frame_ms": math.nan}
+    said = in_words({**counted, "table": "t.csv", "recording": "r.mcap"}, "simulated room 0")
+    assert said.splitlines() == [
+        "located: 0 of 0 frames of simulated room 0", "table: t.csv", "recording: r.mcap"
+    ]  # fmt: skip
 
 
 def test_for_programs_standard_output_is_one_line_of_json(pretended):

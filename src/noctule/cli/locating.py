@@ -219,5 +219,6 @@ def in_words(summary: Mapping[str, Any], source: str) -> str:
         sd = ", ".join(f"{1e3 * errors[f'{name}_sd_m']:.1f}" for name in "xyz")
         lines.append(f"against the truth: x, y, z {xyz} mm with sd {sd} mm")
         lines.append(f"heading {errors['yaw_mean_deg']:+.2f} deg with sd {errors['yaw_sd_deg']:.2f} deg")
-    lines.append(f"time: {summary['frame_ms']:.2f} ms a frame (median)")
+    if summary["frames"]:
+        lines.append(f"time: {summary['frame_ms']:.2f} ms a frame (median)")
     return "\n".join([*lines, f"table: {summary['table']}", f"recording: {summary['recording']}"])
