@@ -90,13 +90,15 @@ LOCATED = (
     Plan(
         "path", "The path and the way",
         "The path that was wanted, and the way that was flown: as the ceiling camera measured it, as the "
-        "pilot fused it from all sensors, and, in simulation, as it truly was.",
+        "pilot fused it from all sensors, and, in simulation, as it truly was. Dotted is how it came down "
+        "after the pilot was done, where that is known.",
         path_figure, "The pilot never knew where it was.",
     ),
     Plan(
         "pose", "Position and heading",
         "As wanted, as fused, as measured by the ceiling camera and, in simulation, as true. Grey is where a "
-        "point was held; a star is a push. After a hand-over nothing is wanted of the path any more.",
+        "point was held; a star is a push. After a hand-over nothing is wanted of the path any more. Dotted "
+        "is the landing, after the pilot was done; without truth only the height that the vehicle measures.",
         pose_figure,
     ),
     Plan(

@@ -47,6 +47,18 @@ class TruthLog:
 
 
 @dataclass(frozen=True, slots=True)
+class Landing:
+    """What came after the pilot's last tick, which is the first row."""
+
+    times: Array  # (k,) [s], as FlightLog.times
+    pose: Array  # (k, 4) x, y, z [m], yaw [rad]; without truth z is the vehicle's own height, the rest NaN
+    true: bool  # whether that is where the drone really was
+    said_landed: bool = False  # by the vehicle, at the end
+    touching: tuple[str, ...] = ()  # what the hull touches at the end
+    touched: tuple[str, ...] = ()  # what it touched after the pilot's last tick, but the floor
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """A picture of the flight and what the pilot saw in it."""
 
@@ -88,6 +100,8 @@ class FlightLog:
     mission_text: str = ""  # the mission file as it was flown
     notes: tuple[str, ...] = ()  # what is missing from the recording, and why
     located: LocatedLog | None = None  # of a pilot that knows where it is
+    landing: Landing | None = None  # None where neither truth nor the vehicle tells of it
+    clock_start: float | None = None  # [s], the first tick on the flight's clock; None of a real flight
 
     @property
     def span(self) -> tuple[float, float]:

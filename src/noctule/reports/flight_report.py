@@ -11,6 +11,7 @@ from noctule.errors import NoctuleError
 from noctule.reports import page as html
 from noctule.reports.figure_plans import plans_of
 from noctule.reports.flight_log import FlightLog
+from noctule.reports.landing import landing_in_words
 from noctule.reports.loading import load_flight_log
 from noctule.reports.page import Drawing
 from noctule.reports.progress import with_progress
@@ -42,6 +43,7 @@ def flight_page(log: FlightLog, drawings: list[Drawing]) -> str:
     outcome = str(summary.get("outcome") or "")
     parts = [html.note(text) for text in log.notes]
     parts.append(html.tiles(_tiles(summary)))
+    parts += [html.remark(text) for text in [_clock(log)] if text]
     parts += [html.drawing(d) for d in drawings]
     tables = html.rows_table(flight_rows(summary)), html.rows_table([Row(k, v) for k, v in about.items()])
     inside = '<div class="columns">\n<div class="scroll">{}</div>\n<div class="scroll">{}</div>\n</div>'
@@ -53,7 +55,7 @@ def flight_page(log: FlightLog, drawings: list[Drawing]) -> str:
             html.section("Mission", text, "The file as it was given; law and seed above are what was flown.")
         )
     tell = in_words_located if log.located is not None else in_words
-    words = tell(summary, log.span[1] - log.span[0])
+    words = " ".join(filter(None, (tell(summary, log.span[1] - log.span[0]), landing_in_words(log))))
     return html.page(
         title=f"{mission}: {outcome or 'no outcome'} - Noctule",
         eyebrow=_eyebrow(about),
@@ -68,6 +70,15 @@ def _eyebrow(about: dict[str, str]) -> str:
     parts = ["Noctule flight"]
     parts += [f"{name} {about[name]}" for name in ("law", "seed") if about.get(name)]
     return " \u00b7 ".join(parts)
+
+
+def _clock(log: FlightLog) -> str:
+    if not log.clock_start:
+        return ""
+    return (
+        f"Times count from the pilot's first tick, {log.clock_start:.2f} s on the flight's clock, which "
+        f"missions use: take {log.clock_start:.2f} s off the times of faults and pushes in the mission."
+    )
 
 
 def _tiles(summary: dict[str, Any]) -> list[tuple[str, str]]:

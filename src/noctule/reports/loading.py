@@ -12,7 +12,8 @@ from noctule.errors import NoctuleError
 from noctule.flight.reader import Recording, Tick, decode_picture, read_recording
 from noctule.flight.summary import summary_of
 from noctule.geometry import Array
-from noctule.reports.flight_log import FlightLog, Snapshot, TruthLog
+from noctule.messages import FlightState
+from noctule.reports.flight_log import FlightLog, Landing, Snapshot, TruthLog
 from noctule.reports.located_loading import located_log
 from noctule.reports.scene import read_scene
 
@@ -66,6 +67,8 @@ def flight_log(recording: Recording, pictures: int = PICTURES) -> FlightLog:
         tick_s=float(np.median(np.diff(times))) if len(times) > 1 else 1.0 / 30.0,
         snapshots=_snapshots(flown, times, pictures),
         located=located_log(flown, start, scene.located),
+        landing=_landing([t for t in recording.ticks if t.stamp >= flown[-1].stamp], start),
+        clock_start=start if recording.notes.get("flight", {}).get("simulated") == "true" else None,
         **scene.drawn(),
     )
     return replace(
@@ -104,6 +107,32 @@ def _truth(flown: Sequence[Tick], start: float) -> TruthLog | None:
         clearance=np.array([truth.clearance for truth in known]),
         contacts=tuple(contacts),
         velocity=np.array([truth.v_world for truth in known]),
+    )
+
+
+def _landing(ticks: Sequence[Tick], start: float) -> Landing | None:
+    """Return what `ticks`, from the pilot's last on, tell of how the drone came down."""
+    true = all(t.truth is not None for t in ticks)
+    rows = [
+        np.append(t.truth.pose.position, t.truth.pose.yaw)
+        if true and t.truth is not None
+        else np.array(
+            [np.nan, np.nan, t.told.state.height if t.told.state.HasField("height") else np.nan, np.nan]
+        )
+        for t in ticks
+    ]
+    said_landed = ticks[-1].told.state.flight_state == FlightState.LANDED
+    if not true and not said_landed and not np.isfinite(rows[-1][2]):
+        return None
+    contacts = [() if t.truth is None else t.truth.contacts for t in ticks]
+    later = dict.fromkeys(name for names in contacts[1:] for name in names if name != "floor")
+    return Landing(
+        times=np.array([t.stamp - start for t in ticks]),
+        pose=np.array(rows),
+        true=true,
+        said_landed=said_landed,
+        touching=contacts[-1],
+        touched=tuple(later),
     )
 
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from noctule.geometry import Array
 from noctule.reports.flight_log import FlightLog
 from noctule.reports.headings import LOW, compass, turning
+from noctule.reports.landing import draw_landing_over_time, landing_end
 from noctule.reports.located_log import LocatedLog
 from noctule.reports.located_marks import (
     CAMERA,
@@ -40,13 +41,15 @@ def pose_figure(log: FlightLog) -> Figure | None:
     located = log.located
     if located is None:
         return None
-    figure, axes = time_panels((1.7, 1.5, 1.5, 1.7), log.span)
+    figure, axes = time_panels((1.7, 1.5, 1.5, 1.7), (log.span[0], landing_end(log)))
     for i, axis in enumerate(axes):
         _draw_said(axis, i, located.measured_times, located.measured, _DOTS)
         if located.has_truth:
             _draw_said(axis, i, located.at, located.true, _TRUE_LOOK)
         _draw_said(axis, i, located.at, located.fused, _FUSED_LOOK)
         _draw_said(axis, i, located.at, located.wanted, _WANTED_LOOK)
+        if log.landing is not None:
+            draw_landing_over_time(axis, log.landing, i)
         axis.set_ylabel("heading\n[deg]" if i == 3 else f"{_WORLD[i]} [m]")
     compass(axes[3])
     axes[0].set_title("Position and heading in the room")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from noctule.geometry import Array
 from noctule.reports.flight_log import FlightLog
+from noctule.reports.landing import draw_landing_way
 from noctule.reports.located_log import LocatedLog
 from noctule.reports.located_marks import CAMERA, DASHES, FUSED, PUSH, TRUE, WANTED
 from noctule.reports.style import AXIS_COLOURS, INK, MUTED, WARN, WIDTH_IN, new_figure
@@ -34,7 +35,7 @@ def path_figure(log: FlightLog) -> Figure | None:
     grid = figure.add_gridspec(1, 2, wspace=0.16)
     space = figure.add_subplot(grid[0], projection="3d")
     above = figure.add_subplot(grid[1])
-    _draw_space(space, located)
+    _draw_space(space, log, located)
     _draw_above(above, log, located)
     handles, labels = above.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, handletextpad=0.6)
@@ -56,12 +57,14 @@ def _lines(located: LocatedLog) -> list[tuple[Array, dict[str, Any]]]:
     return lines
 
 
-def _draw_space(axis: Any, located: LocatedLog) -> None:
+def _draw_space(axis: Any, log: FlightLog, located: LocatedLog) -> None:
     for rows, look in _lines(located):
         axis.plot(rows[:, 0], rows[:, 1], rows[:, 2], **look)
+    if log.landing is not None:
+        draw_landing_way(axis, log.landing, 3)
     for row in (_first(located.flown), *_held(located)):
         axis.plot(*row[:3], marker="o", ls="", ms=5, color=INK)
-    low, high = _extent([rows[:, :3] for rows, _ in _lines(located)])
+    low, high = _extent([rows[:, :3] for rows in _reached(log, located)])
     middle, half = 0.5 * (low + high), 0.5 * float((high - low).max())
     for name, centre in zip("xyz", middle, strict=True):
         getattr(axis, f"set_{name}lim")(centre - half, centre + half)
@@ -77,6 +80,8 @@ def _draw_above(axis: Axes, log: FlightLog, located: LocatedLog) -> None:
         axis.plot(walk[:, 0], walk[:, 1], color=_PERSON, lw=2.0, alpha=0.45, label="a person's way")
     for rows, look in _lines(located):
         axis.plot(rows[:, 0], rows[:, 1], **look)
+    if log.landing is not None:
+        draw_landing_way(axis, log.landing, 2)
     begin = _first(located.flown)
     axis.plot(*begin[:2], "o", ms=7, color="white", mec=INK, mew=1.6, zorder=6, ls="", label="start")
     stops = np.array(_held(located)).reshape(-1, 4)
@@ -89,10 +94,16 @@ def _draw_above(axis: Axes, log: FlightLog, located: LocatedLog) -> None:
             *rows[:, :2].T, "*", ms=10, color=PUSH, mec="white", mew=0.6, zorder=7, ls="", label="pushed"
         )
     axis.set_aspect("equal", adjustable="box")
-    low, high = _extent([located.flown[:, :2], *(rows[:, :2] for rows, _ in _lines(located)), *located.walks])
+    low, high = _extent([*(rows[:, :2] for rows in _reached(log, located)), *located.walks])
     axis.set_xlim(low[0] - _MARGIN, high[0] + _MARGIN)
     axis.set_ylim(low[1] - _MARGIN, high[1] + _MARGIN)
     axis.set(xlabel="x [m]", ylabel="y [m]", title="From above")
+
+
+def _reached(log: FlightLog, located: LocatedLog) -> list[Array]:
+    """Return all poses (n, 4) that are to be seen."""
+    landing = [] if log.landing is None else [log.landing.pose]
+    return [*(rows for rows, _ in _lines(located)), *landing]
 
 
 def _first(rows: Array) -> Array:

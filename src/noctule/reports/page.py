@@ -35,6 +35,11 @@ def note(text: str) -> str:
     return f'<p class="note" role="note">{escape(text)}</p>'
 
 
+def remark(text: str) -> str:
+    """Return a quiet line between the sections."""
+    return f'<p class="remark">{escape(text)}</p>'
+
+
 def badge(outcome: str) -> str:
     """Return the outcome as a coloured word."""
     mood = "good" if outcome in ("reached", "completed") else "bad" if outcome else ""
