@@ -30,7 +30,7 @@ def refused(end: str, rest: str = "") -> str:
 
 
 def test_the_place_where_the_picture_is_left_is_told_with_how_far_it_is_from_it():
-    assert refused("[3.0, 0.0, 1.0]") == (
+    assert refused("[2.5, 0.0, 1.0]") == (
         "my.toml: space_path: it is at s = 1.06 m (1.06, 0.00, 1.00) "
         f"nearer than 0.10 m to the edge of the ceiling camera's picture; {MOVE}"
     )
