@@ -63,6 +63,16 @@ class Picture:
     pixels: NDArray[np.uint8]  # (height, width, 3) RGB
 
 
+def read_only(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return a contiguous view that cannot be written to: one type, so that it is compiled for once.
+
+    Compiled code is compiled anew for each memory layout, and for what may be written to.
+    """
+    view = np.ascontiguousarray(image).view()
+    view.setflags(write=False)
+    return view
+
+
 @dataclass(frozen=True, slots=True)
 class DepthFrame:
     """What an RGB-D camera saw: depth and, registered to it, colour. The depth cannot be written to."""
@@ -72,11 +82,8 @@ class DepthFrame:
     colour: NDArray[np.uint8] | None = None  # (height, width, 3) RGB, pixel for pixel as the depth
 
     def __post_init__(self) -> None:
-        # Compiled code is compiled anew for each memory layout and for what may be written to: one kind of
-        # frame, whatever it was read from, so that what was compiled before a flight serves in it.
-        depth = np.ascontiguousarray(self.depth).view()
-        depth.setflags(write=False)
-        object.__setattr__(self, "depth", depth)
+        # One kind of frame, whatever it was read from: what was compiled before a flight serves in it.
+        object.__setattr__(self, "depth", read_only(self.depth))
 
 
 @dataclass(frozen=True, slots=True)

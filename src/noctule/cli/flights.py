@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,8 +17,6 @@ from noctule.errors import NoctuleError
 if TYPE_CHECKING:
     from noctule.flight.mission import Mission
 
-SUMMARY = "summary.json"
-"""What a flight leaves beside its recording."""
 RESULTS = "campaign.json"
 """What a campaign leaves in its folder, for `noctule report` to lay beside another's."""
 
@@ -83,6 +80,8 @@ def _fly_one(asked: Asked) -> int:
 
 
 def _what_was_written(folder: Path) -> dict[str, Any]:
+    from noctule.flight.mission_flight import SUMMARY
+
     try:
         written: dict[str, Any] = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):  # a full disk may have taken it
@@ -130,19 +129,13 @@ def with_report(summary: Mapping[str, Any]) -> dict[str, Any]:
 
     A report that cannot be written costs the report, not the flight's figures.
     """
+    from noctule.flight.mission_flight import note_report
     from noctule.reports import write_report
 
     recording = Path(summary["recording"])
     report = _or_say_why(lambda: write_report(recording, judged=summary))
-    _note_report(recording.with_name(SUMMARY), report)
+    note_report(recording.parent, report)
     return {**summary, "report": report}
-
-
-def _note_report(file: Path, report: str | None) -> None:
-    """Say in what the flight wrote where its report is; a disk that is full has been told of already."""
-    with suppress(OSError, ValueError):
-        written = {**json.loads(file.read_text(encoding="utf-8")), "report": report}
-        file.write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
 
 
 def _or_say_why(write: Callable[[], Path]) -> str | None:

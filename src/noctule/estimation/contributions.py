@@ -41,10 +41,8 @@ _LARGEST = 1e15  # finite is not enough: what is much larger overflows when it i
 _HALF_TURNED_SD, _RELEASED = 0.1, 0.05  # [rad], [m/s]
 _SUREST = 1e-4  # [m, rad, m/s], the smallest deviation that a sensor may claim
 _FARTHEST = 1000.0  # [m, rad, m/s, rad/s], of a state or a jump, and of the yaw that is counted in turns
-_YAW_OFF, _BIAS_OFF = (
-    4.0,
-    7.0,
-)  # [rad], what a wrapped innovation of yaw and of heading can move them by, and more
+# [rad], what a wrapped innovation of yaw and of heading can move them by, and more
+_YAW_OFF, _BIAS_OFF = 4.0, 7.0
 _COUNTED = 628.0  # [rad], beyond so many turns a contribution begins to count anew
 _HEAD = struct.Struct(f"<H{NAME_BYTES}sQddd")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from noctule.flight.fence import Fence
-from noctule.flight.located_judge import Course, cross_track, estimate_errors
+from noctule.flight.located_judge import Course, cross_track, estimate_errors, on_path
 from noctule.flight.located_track import LAND, SURE, Mask, Track
 from noctule.messages import Outcome
 
@@ -52,8 +52,7 @@ def _outside(track: Track, fence: Fence) -> Mask:
 
 
 def _far(track: Track, course: Course) -> Mask:
-    begun = (track.path_time >= 0.0) & (track.path_time <= course.seconds)
-    return np.asarray(begun & (track.doubt < LAND) & (cross_track(track, course) > AWAY))
+    return np.asarray(on_path(track, course) & (cross_track(track, course) > AWAY))
 
 
 def _astray(track: Track) -> Mask:

@@ -41,9 +41,8 @@ def figures_of(track: Track, course: Course) -> dict[str, Any]:
     cross, held_off = cross_track(track, course), estimate_errors(track)
     away = np.linalg.norm(held_off[:, :3], axis=1)
     on = on_path(track, course)
-    following = on & ~stopped(track, course) & ~pushed(track, course) & (track.doubt < HOVER)
-    hovering = on & settled(track, course) & ~pushed(track, course) & (track.doubt < HOVER)
-    heading = on & ~pushed(track, course) & (track.doubt < HOVER)
+    flying = on & ~pushed(track, course) & (track.doubt < HOVER)
+    following, hovering = flying & ~stopped(track, course), flying & settled(track, course)
     turned = np.abs(wrap_angles(track.true[:, 3] - track.wanted[:, 3]))
     away_from_wanted = np.linalg.norm(track.true[:, :3] - track.wanted[:, :3], axis=1)
     recoveries = [recovery(track, np.where(track.holding, away_from_wanted, cross), p) for p in course.pushes]
@@ -54,7 +53,7 @@ def figures_of(track: Track, course: Course) -> dict[str, Any]:
         "cross_track_p95_m": _p95(cross[following]),
         "cross_track_max_m": _most(cross[following]),
         "hover_rms_m": _rms(away_from_wanted[hovering]),
-        "heading_p95_deg": _degrees(_p95(turned[heading])),
+        "heading_p95_deg": _degrees(_p95(turned[flying])),
         "recovery_s": {"mean": _mean(np.array(known)), "max": _most(np.array(known))},
         "position_rms_m": _rms(fused),
         "position_p95_m": _p95(fused),
@@ -67,10 +66,14 @@ def figures_of(track: Track, course: Course) -> dict[str, Any]:
     }
 
 
+def begun(track: Track, course: Course) -> Mask:
+    """Return which ticks belong to the path's time, landing included; (n,)."""
+    return np.asarray((track.path_time >= 0.0) & (track.path_time <= course.seconds))
+
+
 def on_path(track: Track, course: Course) -> Mask:
     """Return which ticks are on the path: begun, not over, and not landing; (n,)."""
-    begun = (track.path_time >= 0.0) & (track.path_time <= course.seconds)
-    return np.asarray(begun & (track.doubt < LAND))
+    return np.asarray(begun(track, course) & (track.doubt < LAND))
 
 
 def stopped(track: Track, course: Course) -> Mask:
@@ -137,22 +140,24 @@ def lost(track: Track, course: Course) -> float:
     the sensors that remain. Landing counts too.
     """
     seen = np.maximum.accumulate(np.where(track.measured, track.stamps, -np.inf))
-    begun = (track.path_time >= 0.0) & (track.path_time <= course.seconds)
-    return _seconds(track, begun & ((track.stamps - seen > UNSEEN) | (track.doubt > FLY_ON)))
+    missed = (track.stamps - seen > UNSEEN) | (track.doubt > FLY_ON)
+    return _seconds(track, begun(track, course) & missed)
 
 
 def in_doubt(track: Track, course: Course, doubt: int) -> float:
     """Return for how long [s] of the path the pilot was in this doubt."""
-    begun = (track.path_time >= 0.0) & (track.path_time <= course.seconds)
-    return _seconds(track, begun & (track.doubt == doubt))
+    return _seconds(track, begun(track, course) & (track.doubt == doubt))
 
 
 def runs(stamps: Array, mask: Mask) -> list[float]:
     """Return how long [s] each stretch lasts in which `mask` (n,) holds, from its first to its last tick."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [
-        float(stamps[end - 1] - stamps[begin]) for begin, end in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    return [float(stamps[end - 1] - stamps[begin]) for begin, end in stretches(mask)]
+
+
+def stretches(mask: Mask) -> list[tuple[int, int]]:
+    """Return the stretches in which `mask` (n,) holds: the first tick, and that behind the last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 def within(times: Array, spans: Spans) -> Mask:

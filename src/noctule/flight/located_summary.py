@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 
 from noctule.control.paths import PathPlan
-from noctule.flight.located_judge import Course, Spans, figures_of
+from noctule.flight.located_judge import Course, figures_of, stretches
 from noctule.flight.located_track import NoTruthError, track_of_samples
 from noctule.flight.samples import Samples
-from noctule.geometry import Array, Pose
-from noctule.pilots.following import FollowPhase
+from noctule.geometry import Pose
+from noctule.pilots.following import ON_PATH, FollowPhase
 
 FIGURES = (
     "cross_track_max_m", "cross_track_mean_m", "cross_track_p95_m", "hover_rms_m", "heading_p95_deg",
     "recovery_s", "position_rms_m", "position_p95_m", "yaw_mean_deg", "yaw_sd_deg", "slips", "lost_s",
 )  # fmt: skip
-_ON_PATH = (FollowPhase.FOLLOW, FollowPhase.STOP)
 
 
 def located_figures(plan: PathPlan, samples: Samples, pushes: Sequence[float] = ()) -> dict[str, Any]:
@@ -31,10 +30,12 @@ def located_figures(plan: PathPlan, samples: Samples, pushes: Sequence[float] = 
         track = track_of_samples(samples)
     except NoTruthError:
         return dict.fromkeys(FIGURES)
-    on_path = np.array([phase in _ON_PATH for phase in samples.phases])
+    on_path = np.array([phase in ON_PATH for phase in samples.phases])
     if not on_path.any():
         return dict.fromkeys(FIGURES)
-    stops = _stops(track.path_time, [phase == FollowPhase.STOP for phase in samples.phases])
+    stopped = np.array([phase == FollowPhase.STOP for phase in samples.phases])
+    until = np.append(track.path_time, np.inf)  # the tick that went on, if there is one
+    stops = tuple((float(until[begin]), float(until[end])) for begin, end in stretches(stopped))
     course = Course(plan.path, stops, tuple(pushes), float(track.path_time[on_path].max()))
     found = figures_of(track, course)
     return {name: found[name] for name in FIGURES}
@@ -44,10 +45,3 @@ def final_goal(samples: Samples) -> Pose | None:
     """Return where a located pilot wanted to be at the end; None where it never knew where it was."""
     known = next((known for known in reversed(samples.whereabouts) if known is not None), None)
     return None if known is None else Pose(known.wanted[:3].copy(), float(known.wanted[3]))
-
-
-def _stops(path_time: Array, stopped: Sequence[bool]) -> Spans:
-    """Return from when to when it stopped, by the path's clock (n,) [s]: until the tick that went on."""
-    edges = np.flatnonzero(np.diff([False, *stopped, False]))
-    begins, ends = path_time[edges[::2]], np.append(path_time, np.inf)[edges[1::2]]
-    return tuple(zip(begins.tolist(), ends.tolist(), strict=True))

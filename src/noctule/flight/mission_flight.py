@@ -31,6 +31,8 @@ from noctule.messages import Pilot
 from noctule.pilots.handover import HandoverPilot
 from noctule.simulation import SimulatedWorld
 
+SUMMARY = "summary.json"
+"""What a flight leaves beside its recording."""
 _PACKAGES = ("noctule", "numpy", "opencv-python-headless", "mujoco", "numba", "foxglove-sdk")
 _VALID = 0.25  # [s], of a command on arrival
 
@@ -107,7 +109,7 @@ def _fly(mission: Mission, out: Path, progress: bool) -> FlightResult:
         summary = _sum_up(flown, mission, truth, located)
         noted = {name: json.dumps(value) for name, value in summary.items()}
         summary["recording"] = str(recording)
-        _write_summary(out / "summary.json", summary)
+        _write_summary(out / SUMMARY, summary)
         if not recorder.failed:
             recorder.note("summary", noted)
         if flown.error is not None:
@@ -246,6 +248,13 @@ def _sum_up(
     return summarise(
         flown.samples, goal, outcome, flown.reason, flown.realtime_factor, reference, plan, pushes
     )
+
+
+def note_report(out: Path, report: str | None) -> None:
+    """Say in a flight's summary.json in `out` where its report is."""
+    with suppress(OSError, ValueError):
+        written = json.loads((out / SUMMARY).read_text("utf-8"))
+        _write_summary(out / SUMMARY, {**written, "report": report})
 
 
 def _write_summary(path: Path, summary: dict[str, Any]) -> None:

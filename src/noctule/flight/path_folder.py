@@ -26,6 +26,7 @@ from noctule.flight.feature_cache import features_and_links
 from noctule.flight.path_entries import CameraEntry, ImageEntry, PathFile, TruthFile
 from noctule.flight.setting_errors import explain
 from noctule.geometry import Pose
+from noctule.localization.calibration.pictures import decoded
 from noctule.pilots.visual_path import KeyImage, VisualPath
 
 FORMAT = 1
@@ -140,9 +141,7 @@ def read_picture(folder: Path, entry: ImageEntry, camera: CameraEntry) -> NDArra
             f"{where} was changed after the path was taught: its sha256 is {found[:12]}..., path.toml says "
             f"{entry.sha256[:12]}...; restore it or teach the path again"
         )
-    # One that was cut off is not tried: the decoder would complain on standard error by itself.
-    whole = not data.startswith(b"\x89PNG") or b"IEND" in data[-12:]
-    bgr = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR) if whole else None
+    bgr = decoded(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
     if bgr is None:
         raise PathFolderError(f"{where} is no picture that can be decoded; teach the path again")
     if bgr.shape[:2] != (camera.height, camera.width):

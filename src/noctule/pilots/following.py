@@ -29,6 +29,9 @@ class FollowPhase(StrEnum):
     HOLD = "hold"  # at the end of everything
 
 
+ON_PATH = (FollowPhase.FOLLOW, FollowPhase.STOP)
+
+
 class FollowerSettings(Settings):
     """Gains, and what happens before and after the path."""
 

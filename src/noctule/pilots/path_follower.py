@@ -23,6 +23,7 @@ from noctule.geometry import Array, wrap_angle
 from noctule.messages import Command
 from noctule.pilots.command_memory import CommandMemory
 from noctule.pilots.following import (
+    ON_PATH,
     SURE,
     Conduct,
     FollowerError,
@@ -42,7 +43,6 @@ __all__ = [
 ]
 
 _LONGEST_TICK = 0.2  # [s]; after a longer pause the wanted speed and heading go on from where they were
-_ON_PATH = (FollowPhase.FOLLOW, FollowPhase.STOP)
 _BEFORE = (FollowPhase.TO_START, FollowPhase.SETTLE)
 
 
@@ -183,12 +183,12 @@ class PathFollower:
             self._phase = FollowPhase.SETTLE if progress.arrived else FollowPhase.TO_START
         elif phase is FollowPhase.RETURN and progress.arrived:
             self._phase = FollowPhase.HOLD
-        elif phase in _ON_PATH and (progress.arrived or until - self._path_begun >= self.end_after):
+        elif phase in ON_PATH and (progress.arrived or until - self._path_begun >= self.end_after):
             if self.settings.return_home:
                 home = straight(x[:3], self._home[:3], float(self._home[3]), self.settings.transfer)
                 return self._begin(FollowPhase.RETURN, home, progress.turn, until)
             self._phase = FollowPhase.HOLD
-        elif phase in _ON_PATH:
+        elif phase in ON_PATH:
             self._phase = FollowPhase.STOP if progress.holding else FollowPhase.FOLLOW
         return leg, progress
 

@@ -8,15 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.control.paths import SpacePath
-from noctule.flight.located_judge import PUSHED, SETTLING, distances, within
+from noctule.flight.located_judge import PUSHED, SETTLING, distances, stretches, within
 from noctule.geometry import Array, wrap_angles
 from noctule.messages import Doubt
-from noctule.pilots.following import FollowPhase
+from noctule.pilots.following import ON_PATH, FollowPhase
 
 Spans = list[tuple[float, float]]
 """From, to [s]."""
 
-_ON_PATH = (FollowPhase.FOLLOW, FollowPhase.STOP)
 _NOT_FLOWN = (Doubt.HOVER, Doubt.LAND)
 
 
@@ -69,7 +68,7 @@ class LocatedLog:
     @property
     def begun(self) -> NDArray[np.bool_]:
         """The ticks from the path's beginning to its end, (n,)."""
-        return np.array([phase in _ON_PATH for phase in self.phases], dtype=bool)
+        return np.array([phase in ON_PATH for phase in self.phases], dtype=bool)
 
     @property
     def on_path(self) -> NDArray[np.bool_]:
@@ -141,8 +140,7 @@ def between(times: Array, rows: Array, at: Array) -> Array:
 
 def spans(times: Array, mask: NDArray[np.bool_]) -> Spans:
     """Return from when to when `mask` (n,) holds without a break."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(float(times[a]), float(times[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [(float(times[a]), float(times[b - 1])) for a, b in stretches(mask)]
 
 
 def _less(a: Array, b: Array) -> Array:

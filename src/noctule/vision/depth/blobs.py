@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from noctule.camera import PinholeCamera
+from noctule.messages import read_only
 from noctule.vision.depth.background import Background
 from noctule.vision.depth.blob import Blob
 from noctule.vision.depth.errors import check_depth
@@ -44,8 +45,8 @@ def find_blobs(
     if inside[0] >= inside[2] or inside[1] >= inside[3]:
         return labels, ()
     table = scan(
-        _read_only(depth),
-        _read_only(background.nearest),
+        read_only(depth),
+        read_only(background.nearest),
         inside,
         np.iinfo(np.uint16).max if depth_step is None else round(1e3 * depth_step),
         max(min_area, 1),
@@ -58,10 +59,3 @@ def find_blobs(
         box = (x_min, y_min, x_max, y_max)
         blobs.append(Blob(label, area, *box, row[5:7], row[7:14], row[14:17], float(row[16])))
     return labels, tuple(blobs)
-
-
-def _read_only(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return a contiguous view that cannot be written to: one type, so that the pass is compiled once."""
-    view = np.ascontiguousarray(image).view()
-    view.setflags(write=False)
-    return view

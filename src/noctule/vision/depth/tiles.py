@@ -28,10 +28,8 @@ def count_tiles(
     `count`; a reading may differ from it by `deviations`, and the mean of a tile's by one of them. What is
     left over at the right and bottom edge is not counted.
     """
-    rows, columns = (
-        len(range(0, depth.shape[0], STRIDE)) // TILE,
-        len(range(0, depth.shape[1], STRIDE)) // TILE,
-    )
+    rows = len(range(0, depth.shape[0], STRIDE)) // TILE
+    columns = len(range(0, depth.shape[1], STRIDE)) // TILE
     there, seen, agreeing = 0, 0, 0
     for i in range(rows):
         for j in range(columns):
